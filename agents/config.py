@@ -1,0 +1,139 @@
+"""What a robot knows before it starts: its own constants, never the true map nor who else is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le
+
+from world.grid import GridGeometry
+
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+Ticks = Annotated[int, Ge(0)]
+Share = Annotated[float, Ge(0), Le(1)]
+
+KM_H = 1 / 3.6
+
+
+@dataclass(frozen=True)
+class Routing:
+    """DSDV and the sticky route to the MS (PROCEDURE 1 and 2)."""
+
+    neighbor_timeout_ticks: Annotated[int, Ge(1)] = 10
+    """A neighbor not heard for this long is gone."""
+    silence_ticks: Annotated[int, Ge(1)] = 5
+    """Rule A: a neighbor silent for this long counts as beyond r_in and r_out."""
+    sticky: bool = True
+    """The MS entry is refreshed by the present NMS only. False: plain minimum-hop DSDV."""
+    probe_probability: Share = 0.5
+    """2b: chance per tick to stop refreshing while the link is weak."""
+    probe_ticks: Ticks = 5
+    """2b: how long it stops refreshing at most."""
+    adopt_share: Positive = 0.9
+    """2b: a potential NMS is nearer than this share of r_in."""
+    shortcut_share: NotNegative = 0.65
+    """2c: a neighbor nearer than this share of r_t that saves a hop is adopted; 0 = never."""
+    quiet_restart: bool = True
+    """A new incarnation neither sends nor learns routes for the neighbor timeout + 1."""
+    r_in_share: Positive = 0.8
+    """r_in / r_t (paper, II-B; the value is ours)."""
+    r_out_share: Positive = 0.9
+    """r_out / r_t."""
+
+
+@dataclass(frozen=True)
+class Classing:
+    """SRRC (PROCEDURE 3)."""
+
+    sr_after_ticks: Ticks = 10
+    """Back to SR after inv was empty for this long."""
+    msr_margin_m: NotNegative = 2.0
+    """A new MSR is at least this much farther from the MS than the present one."""
+    copy_target: bool = True
+    """A relay takes its MSR's target at every tick (paper, II-C)."""
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Speeds (paper, III) and how a robot walks."""
+
+    speed_m_s: Positive = 1.0 * KM_H
+    trace_speed_m_s: Positive = 2.0 * KM_H
+    """When it traces another robot, and in recovery."""
+    arrive_m: Positive = 0.25
+    """A target is reached within this distance."""
+    relay_walks: bool = True
+    """Relays walk to their target too (PROCEDURE 4.4)."""
+
+
+@dataclass(frozen=True)
+class Exploring:
+    """Decision-theoretic choice of frontiers (Burgard et al. 2005) and the stall rule (PROCEDURE 5)."""
+
+    utility_m: Positive = 20.0
+    """Worth of an undiscounted frontier, in metres of path."""
+    discount_m: Positive = 8.0
+    """Announced targets of other SRs within this distance discount a frontier."""
+    reselect_when_seen: bool = True
+    """Choose anew as soon as the target is no frontier any more, not on arrival only."""
+    stall: bool = True
+    stall_move_m: Positive = 1.0
+    stall_move_s: Positive = 20.0
+    stall_path_m: Positive = 1.0
+    stall_path_s: Positive = 60.0
+    taboo_s: Positive = 60.0
+    taboo_radius_m: Positive = 8.0
+    progress_cells: Annotated[int, Ge(1)] = 40
+    """New cells after which stalls in a row are forgotten."""
+    retreat_after: Annotated[int, Ge(1)] = 3
+    retreat_probability: Share = 0.5
+    retreat_min_s: Positive = 30.0
+    retreat_max_s: Positive = 90.0
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """Scans up to the MS, map down from it (DESIGN 5)."""
+
+    store_and_forward: bool = True
+    """Deliver after reconnection what was scanned while cut off. False: the paper's rule, discard it."""
+    resend_min_s: Positive = 1.0
+    chunk_cells: Annotated[int, Ge(1)] = 2000
+    """Map changes that one frame carries at most."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """All rules of a robot's behavior."""
+
+    routing: Routing = field(default_factory=Routing)
+    classing: Classing = field(default_factory=Classing)
+    moving: Moving = field(default_factory=Moving)
+    exploring: Exploring = field(default_factory=Exploring)
+    reporting: Reporting = field(default_factory=Reporting)
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """One robot (or, without wheels, the MS's own DSDV node)."""
+
+    node: int
+    seed: int
+    geometry: GridGeometry
+    """The frame that all maps of the run share (paper: the global coordinate system)."""
+    station_m: tuple[float, float]
+    safety_zone_m: tuple[float, float, float, float]
+    """x0, y0, x1, y1: known free from the start."""
+    radius_m: float
+    """r_t."""
+    lidar_range_m: float
+    lidar_beams: int
+    tx_power_dbm: float
+    loss_1m_db: float
+    exponent: float
+    """The path-loss curve that turns received power into distance."""
+    power_smoothing_s: float = 0.0
+    """Time constant over which received power is smoothed; 0 = not at all."""
+    policy: Policy = field(default_factory=Policy)

@@ -1,0 +1,164 @@
+"""What robots say to one another inside the frames that the medium carries, and the table that they show.
+
+Each payload is one msgpack list whose first field is its kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.codec import WireError, column, integer, pack, unpack
+from world.messages import MAX_NODE, MAX_TICK, NOBODY, sightings
+
+ROW: Final = np.dtype([
+    ("dst", "<u2"), ("hop", "u1"), ("cls", "u1"), ("seqno", "<u4"),
+    ("x_m", "<f4"), ("y_m", "<f4"), ("target_x_m", "<f4"), ("target_y_m", "<f4"),
+])  # fmt: skip
+"""One transmitted row of a forwarding table: the DSDV and the inherent SRRC elements (paper, Fig. 2), and the target."""
+
+ACK: Final = np.dtype([("robot", "<u2"), ("incarnation", "<u2"), ("number", "<u4")])
+"""Highest scan report of a robot's incarnation that the MS has without a gap."""
+
+_U4: Final = np.dtype("<u4")
+_I1: Final = np.dtype("i1")
+_F4: Final = np.dtype("<f4")
+_I2: Final = np.dtype("<i2")
+_U1: Final = np.dtype("u1")
+
+UPDATE: Final = 1
+SCAN_REPORT: Final = 2
+MAP_CHUNK: Final = 3
+
+
+def kind_of(payload: bytes) -> int:
+    """Kind of a payload, without decoding it: a fixarray header, then a positive fixint."""
+    if len(payload) < 2 or payload[0] & 0xF0 != 0x90:
+        raise WireError("not a payload")
+    return payload[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """A routing update, broadcast every tick: the whole table, and what is for neighbors only."""
+
+    nms: int
+    """For neighbors only; gives them inv (paper, II-A.1)."""
+    hold: int
+    """Robot whom the sender asks to yield (policy scout), or NOBODY."""
+    map_version: int
+    """How many of the MS's map changes the sender holds."""
+    rows: NDArray[np.void]
+    """(n,) of ROW"""
+    acks: bytes
+    """Raw ACK column that goes with the MS's entry."""
+
+    def encode(self) -> bytes:
+        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows.tobytes(), self.acks))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Update:
+        _, nms, hold, version, rows, acks = unpack(data, 6)
+        column(acks, ACK)
+        table = column(rows, ROW)
+        for name in ("x_m", "y_m", "target_x_m", "target_y_m"):
+            if not np.isfinite(table[name]).all():
+                raise WireError(f"{name} is not finite")
+        return cls(
+            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), table, acks
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ScanReport:
+    """What one lidar scan changed in its robot's map, carried hop by hop to the MS."""
+
+    origin: int
+    incarnation: int
+    number: int
+    """1, 2, ... within the incarnation."""
+    ttl: int
+    """Hops left: a bound on what a moving tree can do to a report."""
+    cells: NDArray[np.uint32]
+    values: NDArray[np.int8]
+    victims: tuple[tuple[int, float, float], ...] = ()
+
+    def encode(self) -> bytes:
+        return pack((
+            SCAN_REPORT, self.origin, self.incarnation, self.number, self.ttl,
+            self.cells.astype(_U4, copy=False).tobytes(), self.values.astype(_I1, copy=False).tobytes(), self.victims,
+        ))  # fmt: skip
+
+    @classmethod
+    def decode(cls, data: bytes) -> ScanReport:
+        _, origin, incarnation, number, ttl, cells, values, victims = unpack(data, 8)
+        indices = column(cells, _U4)
+        return cls(
+            integer(origin, 0, MAX_NODE), integer(incarnation, 0, MAX_NODE), integer(number, 1, MAX_TICK),
+            integer(ttl, 0, 255), indices, _cell_values(values, len(indices)), sightings(victims),
+        )  # fmt: skip
+
+
+def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
+    values = column(raw, _I1, length)
+    if length and not ((values == 0) | (values == 1)).all():
+        raise WireError("a cell is neither free nor occupied")
+    return values
+
+
+@dataclass(frozen=True, slots=True)
+class MapChunk:
+    """The MS's map changes number `first` .. `first` + n - 1, on their way down."""
+
+    first: int
+    cells: NDArray[np.uint32]
+    values: NDArray[np.int8]
+
+    def encode(self) -> bytes:
+        cells = self.cells.astype(_U4, copy=False).tobytes()
+        return pack((MAP_CHUNK, self.first, cells, self.values.astype(_I1, copy=False).tobytes()))
+
+    @classmethod
+    def decode(cls, data: bytes) -> MapChunk:
+        _, first, cells, values = unpack(data, 4)
+        indices = column(cells, _U4)
+        return cls(integer(first, 0, MAX_TICK), indices, _cell_values(values, len(indices)))
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A robot's forwarding table with every column of the paper's Fig. 2; for the recording only."""
+
+    tick: int
+    node: int
+    msr: int
+    dst: NDArray[np.int16]
+    next_hop: NDArray[np.int16]
+    """NOBODY where the route is infinite."""
+    hop: NDArray[np.uint8]
+    xy_m: NDArray[np.float32]
+    """(n, 2) location"""
+    inv: NDArray[np.uint8]
+    """1 where the destination names this robot as its NMS."""
+    cls: NDArray[np.uint8]
+
+    def encode(self) -> bytes:
+        return pack((
+            self.tick, self.node, self.msr, self.dst.astype(_I2).tobytes(), self.next_hop.astype(_I2).tobytes(),
+            self.hop.astype(_U1).tobytes(), self.xy_m.astype(_F4).tobytes(), self.inv.astype(_U1).tobytes(),
+            self.cls.astype(_U1).tobytes(),
+        ))  # fmt: skip
+
+    @classmethod
+    def decode(cls, data: bytes) -> Table:
+        tick, node, msr, dst, next_hop, hop, xy, inv, classes = unpack(data, 9)
+        ids = column(dst, _I2)
+        n = len(ids)
+        return cls(
+            integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), integer(msr, NOBODY, MAX_NODE), ids,
+            column(next_hop, _I2, n), column(hop, _U1, n), column(xy, _F4, 2 * n).reshape(n, 2), column(inv, _U1, n),
+            column(classes, _U1, n),
+        )  # fmt: skip

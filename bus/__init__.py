@@ -1,0 +1,1 @@
+"""How the processes talk and keep step: session, keys, codec, lockstep."""

@@ -1,0 +1,84 @@
+"""Wire form of every message: msgpack, with numpy columns as raw little-endian bytes.
+
+The dtype of a column is fixed by the message that holds it, never by the sender. Whatever arrives malformed
+raises `WireError` here, so nothing malformed reaches a core: a bad message of a peer is data, not an exception
+of ours (ARCHITECTURE.md, invariant 5).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["WireError", "boolean", "column", "finite", "integer", "pack", "text", "unpack"]
+
+_MAX_BYTES: Final = 16 << 20
+
+
+class WireError(ValueError):
+    """A message that does not have the form its key or kind promises."""
+
+
+def pack(fields: tuple[Any, ...]) -> bytes:
+    """Pack the fields of one message; arrays must already be raw bytes (`ndarray.tobytes`)."""
+    return msgpack.packb(fields)  # type: ignore[no-any-return]
+
+
+def unpack(data: bytes, length: int) -> list[Any]:
+    """Unpack a message of exactly `length` fields.
+
+    Raises:
+        WireError: the data is not msgpack, not a list, or has another number of fields.
+    """
+    try:
+        fields = msgpack.unpackb(data, max_buffer_size=_MAX_BYTES)
+    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+        raise WireError(f"not msgpack: {type(error).__name__}") from error
+    if not isinstance(fields, list) or len(fields) != length:
+        raise WireError(f"expected a list of {length} fields")
+    return fields
+
+
+def column(raw: Any, dtype: np.dtype[Any], length: int | None = None) -> NDArray[Any]:
+    """Read a raw column (read-only view, shape (n,)); floats in it must be finite or exactly nan where the message allows.
+
+    Raises:
+        WireError: not bytes, or not a whole number of items, or not `length` items.
+    """
+    if not isinstance(raw, bytes) or len(raw) % dtype.itemsize:
+        raise WireError(f"not a column of {dtype}")
+    values: NDArray[Any] = np.frombuffer(raw, dtype)
+    if length is not None and len(values) != length:
+        raise WireError(f"expected {length} items, got {len(values)}")
+    return values
+
+
+def integer(value: Any, low: int, high: int) -> int:
+    """Check an integer in low..high (both included)."""
+    if type(value) is not int or not low <= value <= high:
+        raise WireError(f"{value!r} is not an integer in {low}..{high}")
+    return value
+
+
+def finite(value: Any) -> float:
+    """Check a finite number."""
+    if type(value) is not float or value - value != 0.0:
+        raise WireError(f"{value!r} is not a finite float")
+    return value
+
+
+def boolean(value: Any) -> bool:
+    """Check a boolean."""
+    if type(value) is not bool:
+        raise WireError(f"{value!r} is not a boolean")
+    return value
+
+
+def text(value: Any, longest: int = 10_000) -> str:
+    """Check a text."""
+    if type(value) is not str or len(value) > longest:
+        raise WireError("not a text of fitting length")
+    return value

@@ -1,0 +1,1 @@
+"""The radio that the robots share: who hears whom, and how loud."""

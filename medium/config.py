@@ -1,0 +1,48 @@
+"""What a medium process is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt
+from numpy.typing import NDArray
+
+from world.config import Probability
+from world.grid import GridGeometry
+
+Model = Literal["disk", "disk_los", "log_distance"]
+
+
+@dataclass(frozen=True)
+class Radio:
+    """The propagation model and its values (PROCEDURE 9; path-loss values at 2.4 GHz after ITU-R P.1238 and ns-3)."""
+
+    model: Model = "disk"
+    tx_power_dbm: float = 0.0
+    loss_1m_db: float = 40.0
+    """PL0: path loss at one metre."""
+    exponent: Annotated[float, Gt(0)] = 3.0
+    """n: 10 n log10(d) dB are lost up to distance d."""
+    wall_loss_db: Annotated[float, Ge(0)] = 18.0
+    """Per wall crossed, `log_distance` only."""
+    shadowing_db: Annotated[float, Ge(0)] = 0.0
+    """Standard deviation of X, normal and fixed per link and place, `log_distance` only."""
+    loss: Probability = 0.0
+    """Probability that a receiver loses a frame."""
+    bandwidth_bytes_s: Annotated[float, Gt(0)] | None = None
+    """What one node can send; None = unlimited. Frames beyond it are rejected."""
+
+
+@dataclass(frozen=True)
+class MediumConfig:
+    """One radio channel."""
+
+    seed: int
+    radius_m: float
+    """r_t: `disk` and `disk_los` reach this far; for `log_distance` the mean power meets the sensitivity here."""
+    geometry: GridGeometry
+    occupied: NDArray[np.bool_]
+    """(rows, cols) walls, which `disk_los` and `log_distance` count."""
+    radio: Radio = field(default_factory=Radio)

@@ -1,0 +1,44 @@
+"""What the monitor station is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.config import RobotConfig
+from world.grid import GridGeometry
+
+
+@dataclass(frozen=True)
+class SearchCell:
+    """A space whose reconnaissance is measured (paper, Fig. 5)."""
+
+    name: str
+    cells: NDArray[np.int64]
+    """Flat grid indices of its free area."""
+
+
+@dataclass(frozen=True)
+class StationConfig:
+    """The MS: its own node (policy fields that concern wheels are unused) and what it measures."""
+
+    node: RobotConfig
+    search_cells: tuple[SearchCell, ...]
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What a recording shows beside the streams: the truth and the names."""
+
+    run: str
+    geometry: GridGeometry
+    occupied: NDArray[np.bool_]
+    station_m: tuple[float, float]
+    radius_m: float
+    robots: int
+    victims_m: NDArray[np.float64]
+    search_cells: tuple[SearchCell, ...]
+    cell_rectangles_m: tuple[tuple[float, float, float, float], ...]
+    """x0, y0, x1, y1 of each search cell, for its label."""

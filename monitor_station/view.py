@@ -1,0 +1,28 @@
+"""What the operators know at a tick: the station core's output for the recorder, and nothing that it did not hear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class StationView:
+    """Columns follow `robots`, the robots that the MS's forwarding table knows."""
+
+    tick: int
+    robots: NDArray[np.int16]
+    xy_m: NDArray[np.float32]
+    """(n, 2) as last heard."""
+    cls: NDArray[np.uint8]
+    reachable: NDArray[np.bool_]
+    """The MS has a finite route to it."""
+    cells: NDArray[np.int64]
+    """Flat indices of map cells that changed in this tick."""
+    values: NDArray[np.int8]
+    """Their new values: world.grid.FREE or OCCUPIED."""
+    victims: tuple[tuple[int, float, float], ...]
+    """Victims reported so far: (id, x, y)."""
+    search_rate: tuple[float, ...]

@@ -1,0 +1,1 @@
+"""Ground truth, and the judge of who takes part in a tick."""

@@ -1,0 +1,74 @@
+"""What a world process is told at its start. Bounds are `annotated_types`, so that a scenario is checked against them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+
+from world.grid import GridGeometry
+
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+Probability = Annotated[float, Ge(0), Le(1)]
+
+Verb = Literal["kill", "restart", "pause", "jam", "loss"]
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A lidar that looks all around (PROCEDURE, Terms)."""
+
+    range_m: Positive = 8.0
+    beams: Annotated[int, Ge(8), Le(3600)] = 180
+    interval_ticks: Annotated[int, Ge(1)] = 5
+    """A robot scans at its first tick and whenever (tick + node) is a multiple of this."""
+    noise_m: NotNegative = 0.0
+    """Standard deviation of a range."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A scheduled fault. See README for the verbs and the targets."""
+
+    verb: Verb
+    at_s: NotNegative
+    target: str = ""
+    """A robot id, `station`, relay:mid, relay:first, nms-of:7, sr:far, random;
+    for jam: a,b (pair) or x0,y0,x1,y1 (region)."""
+    for_s: NotNegative | None = None
+    """How long; None for kill."""
+    probability: Probability = 0.0
+    """Of losing a frame; `loss` only."""
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """Ground truth of one run."""
+
+    seed: int
+    robots: int
+    geometry: GridGeometry
+    occupied: NDArray[np.bool_]
+    """(rows, cols) true floor plan: True = wall."""
+    station_m: tuple[float, float]
+    starts_m: NDArray[np.float64]
+    """(robots, 2) where robot 1..N stand at tick 0."""
+    top_speed_m_s: float
+    """The world caps a robot's velocity at this."""
+    duration_s: float
+    """The run ends here with `time_limit`."""
+    victims_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    """(v, 2) places of victims, id = row."""
+    lidar: Lidar = field(default_factory=Lidar)
+    pose_noise_m: float = 0.0
+    faults: tuple[Fault, ...] = ()
+    hang_deadline_s: float = 2.0
+    """Wall time after which a silent node is departed as unresponsive."""
+    medium_deadline_s: float = 30.0
+    return_deadline_s: float = 30.0
+    speed: float = 0.0
+    """Simulated seconds per wall second; 0 = as fast as possible."""

@@ -1,0 +1,57 @@
+"""Occupancy grids: int8 cells in row-major order, row 0 at the lowest y. Walls of a floor plan follow cell borders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+UNKNOWN: Final = -1
+FREE: Final = 0
+OCCUPIED: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """Where a grid lies: everybody who shares a map agrees on it before the run."""
+
+    rows: int
+    cols: int
+    resolution_m: float = 0.5
+    x0_m: float = 0.0
+    """x of the lower-left corner of cell (0, 0)."""
+    y0_m: float = 0.0
+
+    @property
+    def size(self) -> int:
+        return self.rows * self.cols
+
+    def index(self, x_m: float, y_m: float) -> int:
+        """Flat index of the cell that holds a point; points outside are clamped to the border cells."""
+        col = min(max(int((x_m - self.x0_m) // self.resolution_m), 0), self.cols - 1)
+        row = min(max(int((y_m - self.y0_m) // self.resolution_m), 0), self.rows - 1)
+        return row * self.cols + col
+
+    def center(self, index: int) -> tuple[float, float]:
+        """Center of a cell in metres."""
+        row, col = divmod(index, self.cols)
+        return self.x0_m + (col + 0.5) * self.resolution_m, self.y0_m + (row + 0.5) * self.resolution_m
+
+    def centers(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Centers of cells, shape (n, 2), in metres."""
+        rows, cols = np.divmod(indices, self.cols)
+        return np.column_stack(
+            (
+                self.x0_m + (cols + 0.5) * self.resolution_m,
+                self.y0_m + (rows + 0.5) * self.resolution_m,
+            )
+        )
+
+    def rectangle(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> NDArray[np.int64]:
+        """Flat indices, ascending, of the cells whose centers lie in a rectangle."""
+        rows = self.y0_m + (np.arange(self.rows) + 0.5) * self.resolution_m
+        cols = self.x0_m + (np.arange(self.cols) + 0.5) * self.resolution_m
+        inside = ((rows > y0_m) & (rows < y1_m))[:, None] & ((cols > x0_m) & (cols < x1_m))[None, :]
+        return np.flatnonzero(inside)

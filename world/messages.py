@@ -1,0 +1,358 @@
+"""What the world tells and is told. Node 0 is the monitor station, robots are 1..N; ticks are 0.1 s.
+
+Each message has `encode()` and `decode(bytes)`; decode raises `bus.codec.WireError`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.codec import WireError, boolean, column, finite, integer, pack, text, unpack
+
+TICK_S: Final = 0.1
+"""Simulated seconds of one tick (paper, III: ten forwarding-table updates per second)."""
+
+STATION: Final = 0
+"""Node id of the monitor station."""
+
+NOBODY: Final = -1
+"""Stands for "no node" where a node id is expected."""
+
+UNREACHABLE: Final = 255
+"""Hop count of an infinite metric."""
+
+MAX_NODE: Final = 65_534
+MAX_TICK: Final = 2**31 - 1
+
+_F8: Final = np.dtype("<f8")
+_I2: Final = np.dtype("<i2")
+_U1: Final = np.dtype("u1")
+
+
+class Cls(IntEnum):
+    """Class of a robot (paper, II-A.2)."""
+
+    SR = 0
+    RR = 1
+
+
+class Mode(IntEnum):
+    """What a robot is doing: the branch of its behavior algorithm (paper, Fig. 3)."""
+
+    WALK = 0
+    INNER = 1
+    """Inner link recovery: traces its NMS."""
+    OUTER = 2
+    """Outer link recovery: traces its NMSR."""
+    LOST = 3
+    """No route to the MS: autonomous path recovery."""
+    WAIT = 4
+    """Stands still (no target, or a rule of the policy holds it)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sense:
+    """What one node senses at a tick. The station gets one too; its scan is None."""
+
+    tick: int
+    first: bool
+    """True at the node's first tick after it (re)joined: no inbox to wait for."""
+    incarnation: int
+    """How many processes this node has had before this one; counted by the world."""
+    x_m: float
+    y_m: float
+    ranges_m: NDArray[np.float64] | None = None
+    """(beams,) lidar ranges, beam i at angle 2 pi i / beams; the lidar's range where nothing was hit."""
+    victims: tuple[tuple[int, float, float], ...] = ()
+    """(victim id, x, y) of victims in sight, only together with a scan."""
+
+    def encode(self) -> bytes:
+        ranges = None if self.ranges_m is None else self.ranges_m.astype(_F8, copy=False).tobytes()
+        return pack((self.tick, self.first, self.incarnation, self.x_m, self.y_m, ranges, self.victims))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Sense:
+        tick, first, incarnation, x, y, raw, victims = unpack(data, 7)
+        ranges = None if raw is None else column(raw, _F8)
+        if ranges is not None and not np.isfinite(ranges).all():
+            raise WireError("a range is not finite")
+        return cls(
+            integer(tick, 0, MAX_TICK),
+            boolean(first),
+            integer(incarnation, 0, MAX_NODE),
+            finite(x),
+            finite(y),
+            ranges,
+            sightings(victims),
+        )
+
+
+def sightings(raw: Any) -> tuple[tuple[int, float, float], ...]:
+    """Check a list of (victim id, x, y)."""
+    if not isinstance(raw, list):
+        raise WireError("victims are not a list")
+    out = []
+    for item in raw:
+        if not isinstance(item, list) or len(item) != 3:
+            raise WireError("a victim is not (id, x, y)")
+        out.append((integer(item[0], 0, MAX_NODE), finite(item[1]), finite(item[2])))
+    return tuple(out)
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """A robot's own view of itself; for fault targets, logs, live table and recording only."""
+
+    cls: int = Cls.SR
+    nms: int = NOBODY
+    msr: int = NOBODY
+    nmsr: int = NOBODY
+    hops: int = UNREACHABLE
+    mode: int = Mode.WAIT
+    target_x_m: float = 0.0
+    target_y_m: float = 0.0
+    reports_made: int = 0
+    reports_buffered: int = 0
+    reports_discarded: int = 0
+
+    def fields(self) -> tuple[Any, ...]:
+        return (
+            int(self.cls), self.nms, self.msr, self.nmsr, self.hops, int(self.mode), self.target_x_m, self.target_y_m,
+            self.reports_made, self.reports_buffered, self.reports_discarded,
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, raw: Any) -> Status:
+        if not isinstance(raw, list) or len(raw) != 11:
+            raise WireError("a status has eleven fields")
+        return cls(
+            integer(raw[0], 0, 1), integer(raw[1], NOBODY, MAX_NODE), integer(raw[2], NOBODY, MAX_NODE),
+            integer(raw[3], NOBODY, MAX_NODE), integer(raw[4], 0, UNREACHABLE), integer(raw[5], 0, len(Mode) - 1),
+            finite(raw[6]), finite(raw[7]),
+            integer(raw[8], 0, MAX_TICK), integer(raw[9], 0, MAX_TICK), integer(raw[10], 0, MAX_TICK),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a robot does until the next tick: a velocity, which the world caps at the robot's top speed."""
+
+    tick: int
+    vx_m_s: float
+    vy_m_s: float
+    status: Status
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.vx_m_s, self.vy_m_s, self.status.fields()))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Motion:
+        tick, vx, vy, status = unpack(data, 4)
+        return cls(integer(tick, 0, MAX_TICK), finite(vx), finite(vy), Status.of(status))
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The station's word on the mission, every tick."""
+
+    tick: int
+    searched: bool
+    search_rate: tuple[float, ...]
+    """Share of each search cell's area that is scanned, 0..1, in the scenario's order of cells (paper, III)."""
+    merged: int
+    """Scan reports merged so far, over all incarnations of the station."""
+    victims_found: tuple[int, ...] = ()
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.searched, self.search_rate, self.merged, self.victims_found))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Report:
+        tick, searched, rates, merged, found = unpack(data, 5)
+        if not isinstance(rates, list) or not isinstance(found, list):
+            raise WireError("search rates and victims are lists")
+        return cls(
+            integer(tick, 0, MAX_TICK),
+            boolean(searched),
+            tuple(finite(r) for r in rates),
+            integer(merged, 0, MAX_TICK),
+            tuple(integer(v, 0, MAX_NODE) for v in found),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Jam:
+    """A region whose nodes hear nothing, or a pair of nodes that do not hear each other."""
+
+    region_m: tuple[float, float, float, float] | None = None
+    """x0, y0, x1, y1."""
+    pair: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """The roster of a tick and where everyone truly is: the medium's input."""
+
+    tick: int
+    nodes: NDArray[np.int16]
+    """(n,) ids, ascending."""
+    xy_m: NDArray[np.float64]
+    """(n, 2) true positions."""
+    jams: tuple[Jam, ...] = ()
+    loss: float = 0.0
+    """Frame-loss probability of a fault, on top of the radio's own."""
+
+    def encode(self) -> bytes:
+        jams = [(j.region_m, j.pair) for j in self.jams]
+        return pack((self.tick, self.nodes.astype(_I2).tobytes(), self.xy_m.astype(_F8).tobytes(), jams, self.loss))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Positions:
+        tick, nodes, xy, jams, loss = unpack(data, 5)
+        ids = column(nodes, _I2)
+        places = column(xy, _F8, 2 * len(ids)).reshape(-1, 2)
+        if not np.isfinite(places).all() or not isinstance(jams, list):
+            raise WireError("positions are not finite, or jams not a list")
+        return cls(integer(tick, 0, MAX_TICK), ids, places, tuple(_jam(j) for j in jams), finite(loss))
+
+
+def _jam(raw: Any) -> Jam:
+    if not isinstance(raw, list) or len(raw) != 2:
+        raise WireError("a jam is (region, pair)")
+    region, pair = raw
+    if region is not None:
+        if not isinstance(region, list) or len(region) != 4:
+            raise WireError("a region is x0, y0, x1, y1")
+        x0, y0, x1, y1 = (finite(v) for v in region)
+        return Jam(region_m=(x0, y0, x1, y1))
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise WireError("a pair is two nodes")
+    return Jam(pair=(integer(pair[0], 0, MAX_NODE), integer(pair[1], 0, MAX_NODE)))
+
+
+@dataclass(frozen=True, slots=True)
+class Departed:
+    """`node` takes no part in `tick` any more, nor later until it is in a roster again."""
+
+    tick: int
+    node: int
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.node))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Departed:
+        tick, node = unpack(data, 2)
+        return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE))
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The medium has sent every inbox of `tick` + 1."""
+
+    tick: int
+    counted: tuple[int, ...]
+    """Nodes whose transmission counted in this tick: all of the roster unless one departed during it."""
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.counted))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Done:
+        tick, counted = unpack(data, 2)
+        if not isinstance(counted, list):
+            raise WireError("counted is not a list")
+        return cls(integer(tick, 0, MAX_TICK), tuple(integer(n, 0, MAX_NODE) for n in counted))
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The run ends after `tick`."""
+
+    tick: int
+    reason: str
+    """searched | time_limit | interrupted | failed"""
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.reason))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Stop:
+        tick, reason = unpack(data, 2)
+        return cls(integer(tick, 0, MAX_TICK), text(reason))
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """All that the world knows at the end of a tick: for recorder, launcher and studies, never for a robot.
+
+    Columns follow `nodes` (ascending; every robot of the scenario, dead ones too, without the station).
+    """
+
+    tick: int
+    nodes: NDArray[np.int16]
+    present: NDArray[np.uint8]
+    """1 = takes part; 0 = departed (dead, paused or unresponsive)."""
+    xy_m: NDArray[np.float64]
+    """(n, 2) true positions at the start of the tick."""
+    cls: NDArray[np.uint8]
+    mode: NDArray[np.uint8]
+    hops: NDArray[np.uint8]
+    nms: NDArray[np.int16]
+    msr: NDArray[np.int16]
+    target_m: NDArray[np.float64]
+    """(n, 2)"""
+    reports_buffered: int = 0
+    search_rate: tuple[float, ...] = ()
+    merged: int = 0
+    victims_found: tuple[int, ...] = ()
+
+    def encode(self) -> bytes:
+        return pack((
+            self.tick, self.nodes.astype(_I2).tobytes(), self.present.astype(_U1).tobytes(),
+            self.xy_m.astype(_F8).tobytes(), self.cls.astype(_U1).tobytes(), self.mode.astype(_U1).tobytes(),
+            self.hops.astype(_U1).tobytes(), self.nms.astype(_I2).tobytes(), self.msr.astype(_I2).tobytes(),
+            self.target_m.astype(_F8).tobytes(), self.reports_buffered, self.search_rate, self.merged,
+            self.victims_found,
+        ))  # fmt: skip
+
+    @classmethod
+    def decode(cls, data: bytes) -> Snapshot:
+        f = unpack(data, 14)
+        nodes = column(f[1], _I2)
+        n = len(nodes)
+        return cls(
+            integer(f[0], 0, MAX_TICK), nodes, column(f[2], _U1, n), column(f[3], _F8, 2 * n).reshape(n, 2),
+            column(f[4], _U1, n), column(f[5], _U1, n), column(f[6], _U1, n), column(f[7], _I2, n),
+            column(f[8], _I2, n), column(f[9], _F8, 2 * n).reshape(n, 2), integer(f[10], 0, MAX_TICK),
+            tuple(finite(r) for r in f[11]), integer(f[12], 0, MAX_TICK),
+            tuple(integer(v, 0, MAX_NODE) for v in f[13]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something worth a line in events.jsonl and in the recording's log."""
+
+    tick: int
+    kind: str
+    """fault | role | link | victim | mission | drop"""
+    node: int
+    text: str
+    data: dict[str, Any] = field(default_factory=dict)
+    """Further facts, JSON types only."""
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.kind, self.node, self.text, self.data))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Event:
+        tick, kind, node, words, more = unpack(data, 5)
+        if not isinstance(more, dict):
+            raise WireError("event data is not a map")
+        return cls(integer(tick, 0, MAX_TICK), text(kind), integer(node, NOBODY, MAX_NODE), text(words), more)
