@@ -18,7 +18,7 @@ ROW: Final = np.dtype([
     ("dst", "<u2"), ("hop", "u1"), ("cls", "u1"), ("seqno", "<u4"),
     ("x_m", "<f4"), ("y_m", "<f4"), ("target_x_m", "<f4"), ("target_y_m", "<f4"),
 ])  # fmt: skip
-"""One transmitted row of a forwarding table: the DSDV and the inherent SRRC elements (paper, Fig. 2), and the target."""
+"""One transmitted row of a forwarding table: DSDV and inherent SRRC elements (paper, Fig. 2), and the target."""
 
 ACK: Final = np.dtype([("robot", "<u2"), ("incarnation", "<u2"), ("number", "<u4")])
 """Highest scan report of a robot's incarnation that the MS has without a gap."""

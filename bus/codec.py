@@ -43,7 +43,7 @@ def unpack(data: bytes, length: int) -> list[Any]:
 
 
 def column(raw: Any, dtype: np.dtype[Any], length: int | None = None) -> NDArray[Any]:
-    """Read a raw column (read-only view, shape (n,)); floats in it must be finite or exactly nan where the message allows.
+    """Read a raw column as a read-only view of shape (n,).
 
     Raises:
         WireError: not bytes, or not a whole number of items, or not `length` items.

@@ -1,4 +1,4 @@
-"""What a world process is told at its start. Bounds are `annotated_types`, so that a scenario is checked against them."""
+"""What a world process is told at its start. Bounds are `annotated_types`; a scenario is checked against them."""
 
 from __future__ import annotations
 
