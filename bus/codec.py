@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 __all__ = ["WireError", "boolean", "column", "finite", "integer", "pack", "text", "unpack"]
 
-_MAX_BYTES: Final = 16 << 20
-
 
 class WireError(ValueError):
     """A message that does not have the form its key or kind promises."""
@@ -34,7 +32,7 @@ def unpack(data: bytes, length: int) -> list[Any]:
         WireError: the data is not msgpack, not a list, or has another number of fields.
     """
     try:
-        fields = msgpack.unpackb(data, max_buffer_size=_MAX_BYTES)
+        fields = msgpack.unpackb(data)
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise WireError(f"not msgpack: {type(error).__name__}") from error
     if not isinstance(fields, list) or len(fields) != length:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ MAX_FRAME_BYTES: Final = 1 << 20
 _F8: Final = np.dtype("<f8")
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One radio frame as its sender hands it over."""
 
     dst: int
@@ -52,8 +51,7 @@ class Transmission:
         return cls(integer(tick, 0, MAX_TICK), integer(src, 0, MAX_NODE), tuple(frames))
 
 
-@dataclass(frozen=True, slots=True)
-class Reception:
+class Reception(NamedTuple):
     """One frame as a receiver hears it."""
 
     src: int

@@ -1,0 +1,45 @@
+"""What a policy has at hand: the robot's own senses, map, table and legs. Nothing here was not sensed or heard."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+from agents.config import RobotConfig
+from agents.dsdv import Router
+from agents.ms_distance import MsDistance
+from agents.own_map import OwnMap
+from agents.planner import Planner
+from world.messages import NOBODY, Cls, Mode
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """A policy's decision for one tick."""
+
+    velocity_m_s: tuple[float, float]
+    mode: Mode
+    cls: Cls
+    target_m: Place
+    """Announced to all."""
+    msr: int = NOBODY
+    hold: int = NOBODY
+    """Announced to neighbors."""
+    need: bool = False
+    """Announced to all."""
+
+
+class Body:
+    """The parts of one robot that its policy reads and drives."""
+
+    def __init__(self, config: RobotConfig, rng: random.Random, quiet_until: int) -> None:
+        self.config = config
+        self.rng = rng
+        self.router = Router(config, rng, quiet_until)
+        self.map = OwnMap(config)
+        self.planner = Planner(self.map)
+        self.ms_distance = MsDistance(self.map, self.planner, config.station_m)
+        self.tick = 0
+        self.at: Place = config.station_m

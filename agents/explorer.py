@@ -1,0 +1,126 @@
+"""Where a search robot goes next: the decision-theoretic choice of a frontier, and the way out of a stall.
+
+Choice (paper, II-B; Burgard, Moors, Stachniss & Schneider 2005): over the frontier cells of the own map,
+score = utility x max(0, 1 - sum over other SRs' targets within reach of (1 - d / reach)) - path length.
+
+Stall (ours, PROCEDURE 5): a robot whose chain is taut cannot reach its frontier; after a while it declares the
+surroundings of its target taboo, for longer each time in a row, and in the end walks back towards the MS for a while.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.config import Exploring
+from agents.own_map import OwnMap
+from agents.planner import Planner, Reach
+from world.messages import TICK_S
+
+Place = tuple[float, float]
+
+
+def score(
+    frontiers_m: NDArray[np.float64], lengths_m: NDArray[np.float64], targets_m: NDArray[np.float64], rules: Exploring
+) -> NDArray[np.float64]:
+    """Score of each frontier, shape (n,), in metres: its discounted utility minus the cost of going there.
+
+    Args:
+        frontiers_m: (n, 2) places.
+        lengths_m: (n,) path lengths.
+        targets_m: (t, 2) targets that other SRs announced.
+        rules: what a frontier is worth, and how far a target discounts others.
+    """
+    gaps = np.hypot(frontiers_m[:, None, 0] - targets_m[None, :, 0], frontiers_m[:, None, 1] - targets_m[None, :, 1])
+    taken = np.maximum(0.0, 1.0 - gaps / rules.discount_m).sum(axis=1)
+    worth: NDArray[np.float64] = rules.utility_m * np.maximum(0.0, 1.0 - taken) - lengths_m
+    return worth
+
+
+def ticks(seconds: float) -> int:
+    """Whole ticks of a duration."""
+    return round(seconds / TICK_S)
+
+
+class Explorer:
+    """Target of one search robot, and its memory of stalls."""
+
+    def __init__(self, rules: Exploring, own_map: OwnMap, planner: Planner, rng: random.Random) -> None:
+        self._rules = rules
+        self._map = own_map
+        self._planner = planner
+        self._rng = rng
+        self._taboo: list[tuple[float, float, int]] = []
+        self._stalls = 0
+        self._new_cells = 0
+        self._moved_from: tuple[Place, int] | None = None
+        self._shortened_from: tuple[Place, float, int] | None = None
+        self.retreat_until = -1
+        """Until this tick the robot walks back towards the MS."""
+
+    def discovered(self, cells: int) -> None:
+        """New cells came from the own lidar: enough of them end a row of stalls."""
+        self._new_cells += cells
+        if self._new_cells >= self._rules.progress_cells:
+            self._new_cells = 0
+            self._stalls = 0
+
+    def rest(self) -> None:
+        """Something else than the search moved the robot: what it did then is no stall."""
+        self._moved_from = None
+        self._shortened_from = None
+
+    def done(self, at: Place, target: Place | None, arrive_m: float) -> bool:
+        """Whether a new target is due: none yet, reached, or (ours) no frontier any more."""
+        if target is None or math.dist(at, target) <= arrive_m:
+            return True
+        return self._rules.reselect_when_seen and not self._map.is_frontier(self._map.geometry.index(*target))
+
+    def select(self, tick: int, at: Place, others_m: NDArray[np.float64]) -> tuple[Place, Reach] | None:
+        """The best frontier that is not taboo, else the best of all; None if no frontier can be reached."""
+        cells = self._map.frontiers()
+        if not cells.size:
+            return None
+        reach = self._planner.reach(self._planner.nearest_free(self._map.geometry.index(*at)))
+        lengths = reach.lengths_m(cells)
+        cells, lengths = cells[lengths < math.inf], lengths[lengths < math.inf]
+        if not cells.size:
+            return None
+        places = self._map.geometry.centers(cells)
+        worth = score(places, lengths, others_m, self._rules)
+        allowed = self._allowed(tick, places)
+        if allowed.any():
+            worth = np.where(allowed, worth, -math.inf)
+        elif self._stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
+            seconds = self._rng.uniform(self._rules.retreat_min_s, self._rules.retreat_max_s)
+            self.retreat_until = tick + ticks(seconds)
+        x, y = places[int(np.argmax(worth))].tolist()
+        return (x, y), reach
+
+    def _allowed(self, tick: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        self._taboo = [t for t in self._taboo if t[2] > tick]
+        allowed = np.ones(len(places), bool)
+        for x, y, _ in self._taboo:
+            allowed &= np.hypot(places[:, 0] - x, places[:, 1] - y) > self._rules.taboo_radius_m
+        return allowed
+
+    def stalled(self, tick: int, at: Place, target: Place, remaining_m: float) -> bool:
+        """No move in a while, or no nearer to the target in a longer while. If so, the target becomes taboo."""
+        rules = self._rules
+        if not rules.stall:
+            return False
+        if self._moved_from is None or math.dist(at, self._moved_from[0]) >= rules.stall_move_m:
+            self._moved_from = (at, tick)
+        last = self._shortened_from
+        if last is None or last[0] != target or remaining_m <= last[1] - rules.stall_path_m:
+            last = self._shortened_from = (target, remaining_m, tick)
+        stuck = tick - self._moved_from[1] >= ticks(rules.stall_move_s) or tick - last[2] >= ticks(rules.stall_path_s)
+        if stuck:
+            seconds = rules.taboo_s * self._rng.uniform(0.5, 1.5) * 2.0 ** min(self._stalls, 4)
+            self._taboo.append((*target, tick + ticks(seconds)))
+            self._stalls += 1
+            self.rest()
+        return stuck

@@ -1,0 +1,64 @@
+"""The merged map on its way down: the MS's numbered changes, handed from each node to the children that lag."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.messages import MapChunk
+from agents.neighbors import Neighbors
+
+_PATIENCE_TICKS: Final = 4
+"""A child's next update shows what it got two ticks after it was sent; later than this it is taken for lost."""
+
+
+class MapDownlink:
+    """All changes of the MS's map that a node holds, without a gap, in the MS's order."""
+
+    def __init__(self, chunk_cells: int) -> None:
+        self._chunk_cells = chunk_cells
+        self._cells: NDArray[np.uint32] = np.zeros(1024, np.uint32)
+        self._values: NDArray[np.int8] = np.zeros(1024, np.int8)
+        self.version = 0
+        """How many changes are held."""
+        self._sent: dict[int, tuple[int, int]] = {}
+
+    def append(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+        """The next changes."""
+        end = self.version + len(cells)
+        if end > len(self._cells):
+            room = max(end, 2 * len(self._cells)) - len(self._cells)
+            self._cells = np.concatenate((self._cells, np.zeros(room, np.uint32)))
+            self._values = np.concatenate((self._values, np.zeros(room, np.int8)))
+        self._cells[self.version : end] = cells
+        self._values[self.version : end] = values
+        self.version = end
+
+    def receive(self, chunk: MapChunk) -> tuple[NDArray[np.uint32], NDArray[np.int8]]:
+        """What is new in a chunk; a chunk that would leave a gap brings nothing."""
+        known = self.version - chunk.first
+        if known < 0 or known >= len(chunk.cells):
+            return chunk.cells[:0], chunk.values[:0]
+        cells, values = chunk.cells[known:], chunk.values[known:]
+        self.append(cells, values)
+        return cells, values
+
+    def due(self, tick: int, children: list[int], neighbors: Neighbors) -> list[tuple[int, bytes]]:
+        """(child, payload) for each child that lags."""
+        out = []
+        encoded: dict[int, bytes] = {}
+        for child in children:
+            start = neighbors.by_id[child].map_version
+            sent_to, sent_tick = self._sent.get(child, (0, -_PATIENCE_TICKS))
+            if tick - sent_tick < _PATIENCE_TICKS:
+                start = max(start, sent_to)
+            if start >= self.version:
+                continue
+            end = min(start + self._chunk_cells, self.version)
+            if start not in encoded:
+                encoded[start] = MapChunk(start, self._cells[start:end], self._values[start:end]).encode()
+            out.append((child, encoded[start]))
+            self._sent[child] = (end, tick)
+        return out

@@ -1,0 +1,120 @@
+"""The route to the MS and its next hop, the NMS (PROCEDURE 2).
+
+Plain minimum-hop DSDV chooses links near r_t, which the recovery radius then pulls taut. So the MS's entry is sticky:
+refreshed by the present NMS only, and changed only so:
+
+    a. no route           adopt the best neighbor with a finite route of a newer number
+    b. link weak          now and then stop refreshing for a while; adopt a potential NMS (paper, II-B) whose number
+                          passes the frozen one. A descendant's number never can, so no loop arises.
+    c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop
+
+Each change raises the entry's freshness (agents/forwarding_table.py), which is the whole proof of freedom from loops.
+"""
+
+from __future__ import annotations
+
+import random
+
+from agents.config import RobotConfig
+from agents.forwarding_table import ForwardingTable
+from agents.neighbors import Neighbor, Neighbors
+from world.messages import NOBODY, STATION, UNREACHABLE
+
+
+class MsRoute:
+    """Keeps entry STATION of a forwarding table."""
+
+    def __init__(self, config: RobotConfig, table: ForwardingTable, neighbors: Neighbors) -> None:
+        self._rules = config.policy.routing
+        self._table = table
+        self._neighbors = neighbors
+        self.r_in_m = self._rules.r_in_share * config.radius_m
+        self._shortcut_m = self._rules.shortcut_share * config.radius_m
+        self._frozen_until = -1
+        self.acks = b""
+        """Acknowledgements of the MS, as they came with its entry."""
+        self.last_nms = NOBODY
+        """The NMS that was lost last, while there is no route."""
+
+    @property
+    def nms(self) -> int:
+        """Next hop to the MS, or NOBODY."""
+        return int(self._table.next_hop[STATION])
+
+    @property
+    def hops(self) -> int:
+        """Hop count to the MS."""
+        return self._table.hop(STATION)
+
+    def step(self, tick: int, rng: random.Random) -> None:
+        """Refresh or change the route, after the tick's updates were absorbed and lost neighbors expired."""
+        if self._rules.sticky:
+            if self.nms != NOBODY:
+                self._refresh(tick)
+            if self.nms == NOBODY:
+                self._adopt(self._any_route(tick))
+            elif self.weak(tick):
+                self._probe(tick, rng)
+            if self.nms != NOBODY:
+                self._adopt(self._shortcut(tick))
+        if self.nms != NOBODY:
+            self.last_nms = self.nms
+            self.acks = self._neighbors.by_id[self.nms].acks
+
+    def weak(self, tick: int) -> bool:
+        """d_in > r_in; silence is distance (rule A)."""
+        return self._neighbors.distance_m(self.nms, tick) > self.r_in_m
+
+    def _refresh(self, tick: int) -> None:
+        """Follow the NMS's own entry; while frozen, only when it says that the route is lost."""
+        nms = self._neighbors.by_id[self.nms]
+        infinite = nms.ms_hop == UNREACHABLE
+        newer = nms.ms_seqno > self._table.seqno(STATION)
+        if newer and (infinite or tick > self._frozen_until):
+            self._take(nms)
+
+    def _take(self, neighbor: Neighbor) -> None:
+        hop = min(neighbor.ms_hop + 1, UNREACHABLE)
+        self._table.set_route(STATION, neighbor.ms_seqno, hop, neighbor.node)
+
+    def _adopt(self, neighbor: Neighbor | None) -> None:
+        if neighbor is not None:
+            self._take(neighbor)
+            self._frozen_until = -1
+
+    def _offers(self, tick: int, within_m: float) -> list[Neighbor]:
+        """Neighbors, not silent, with a finite route that does not lead through this node, ascending by id."""
+        me = self._table.node
+        return [
+            n
+            for node, n in sorted(self._neighbors.by_id.items())
+            if n.ms_hop < UNREACHABLE - 1
+            and n.nms != me
+            and n.distance_m <= within_m
+            and not self._neighbors.silent(node, tick)
+        ]
+
+    def _any_route(self, tick: int) -> Neighbor | None:
+        """Rule a."""
+        seqno = self._table.seqno(STATION)
+        offers = [n for n in self._offers(tick, float("inf")) if n.ms_seqno > seqno]
+        return min(offers, key=lambda n: (n.distance_m > self.r_in_m, n.ms_hop, n.distance_m), default=None)
+
+    def _probe(self, tick: int, rng: random.Random) -> None:
+        """Rule b."""
+        near_m = self._rules.adopt_share * self.r_in_m
+        potential = [n for n in self._offers(tick, near_m) if n.node != self.nms and n.ms_hop <= self.hops + 1]
+        if not potential:
+            return
+        if tick > self._frozen_until and rng.random() < self._rules.probe_probability:
+            self._frozen_until = tick + self._rules.probe_ticks
+        if tick <= self._frozen_until:
+            seqno = self._table.seqno(STATION)
+            passed = [n for n in potential if n.ms_seqno > seqno]
+            self._adopt(min(passed, key=lambda n: (n.ms_hop, n.distance_m), default=None))
+
+    def _shortcut(self, tick: int) -> Neighbor | None:
+        """Rule c."""
+        seqno = self._table.seqno(STATION)
+        offers = [n for n in self._offers(tick, self._shortcut_m) if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
+        return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

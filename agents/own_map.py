@@ -1,0 +1,127 @@
+"""A robot's own map: what its lidar saw and what the MS sent down, and the graph of cells that it may walk.
+
+Free cells come from the inverse range-sensor model of Thrun, Burgard & Fox, Probabilistic Robotics, table 9.2: a cell
+is free if its center is nearer than the range of the beam that points at it. Occupied beats free beats unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.config import RobotConfig
+from world.grid import FREE, OCCUPIED, UNKNOWN
+
+_INTO_WALL_M: Final = 1e-9
+"""How far behind the point of impact the wall's cell begins; ranges are exact, so rounding is all that it must beat."""
+
+
+class OwnMap:
+    """Cells in {UNKNOWN, FREE, OCCUPIED}, flat, in the geometry that the whole run shares."""
+
+    def __init__(self, config: RobotConfig) -> None:
+        self.geometry = config.geometry
+        self._range_m = config.lidar_range_m
+        self._beams = config.lidar_beams
+        angles = 2.0 * math.pi * np.arange(config.lidar_beams) / config.lidar_beams
+        self._cos, self._sin = np.cos(angles), np.sin(angles)
+        reach = math.ceil(config.lidar_range_m / self.geometry.resolution_m) + 1
+        steps = np.arange(-reach, reach + 1)
+        d_row, d_col = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
+        near = np.hypot(d_row, d_col) * self.geometry.resolution_m <= config.lidar_range_m + self.geometry.resolution_m
+        self._d_row, self._d_col = d_row[near], d_col[near]
+        self.cells: NDArray[np.int8] = np.full(self.geometry.size, UNKNOWN, np.int8)
+        self.cells[self.geometry.rectangle(*config.safety_zone_m)] = FREE
+        self.version = 0
+        """Rises with every change."""
+
+    def integrate(
+        self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        """Take a scan from a place into the map; returns the cells that changed, ascending, and their new values."""
+        if len(ranges_m) != self._beams:
+            raise ValueError(f"a scan has {self._beams} ranges, not {len(ranges_m)}")
+        free = self._seen_free(x_m, y_m, ranges_m)
+        free = free[self.cells[free] == UNKNOWN]
+        hit = self._hit(x_m, y_m, ranges_m)
+        hit = hit[self.cells[hit] != OCCUPIED]
+        self.cells[free] = FREE
+        self.cells[hit] = OCCUPIED
+        changed = np.unique(np.concatenate((free, hit)))
+        if changed.size:
+            self.version += 1
+        return changed, self.cells[changed]
+
+    def _seen_free(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        g = self.geometry
+        row, col = divmod(g.index(x_m, y_m), g.cols)
+        rows, cols = row + self._d_row, col + self._d_col
+        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
+        rows, cols = rows[inside], cols[inside]
+        dx = g.x0_m + (cols + 0.5) * g.resolution_m - x_m
+        dy = g.y0_m + (rows + 0.5) * g.resolution_m - y_m
+        beam = np.rint(np.arctan2(dy, dx) * (self._beams / (2.0 * math.pi))).astype(np.int64) % self._beams
+        seen = np.hypot(dx, dy) < ranges_m[beam]
+        cells: NDArray[np.int64] = rows[seen] * g.cols + cols[seen]
+        return cells
+
+    def _hit(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        g = self.geometry
+        beam = np.flatnonzero(ranges_m < self._range_m)
+        reach = ranges_m[beam] + _INTO_WALL_M
+        cols = np.floor((x_m + reach * self._cos[beam] - g.x0_m) / g.resolution_m).astype(np.int64)
+        rows = np.floor((y_m + reach * self._sin[beam] - g.y0_m) / g.resolution_m).astype(np.int64)
+        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
+        return np.unique(rows[inside] * g.cols + cols[inside])
+
+    def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> NDArray[np.int64]:
+        """Merge cells from elsewhere (a cell may occur twice); returns those that changed, ascending.
+
+        Raises:
+            IndexError: a cell lies outside the grid.
+        """
+        indices = cells.astype(np.int64)
+        better = values > self.cells[indices]
+        changed = indices[better]
+        np.maximum.at(self.cells, changed, values[better])
+        if changed.size:
+            self.version += 1
+        return np.unique(changed)
+
+    def is_frontier(self, index: int) -> bool:
+        """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""
+        cells, cols = self.cells, self.geometry.cols
+        if cells[index] != FREE:
+            return False
+        col = index % cols
+        return bool(
+            (col > 0 and cells[index - 1] == UNKNOWN)
+            or (col < cols - 1 and cells[index + 1] == UNKNOWN)
+            or (index >= cols and cells[index - cols] == UNKNOWN)
+            or (index + cols < cells.size and cells[index + cols] == UNKNOWN)
+        )
+
+    def frontiers(self) -> NDArray[np.int64]:
+        """Flat indices, ascending, of all frontier cells."""
+        grid = self.cells.reshape(self.geometry.rows, self.geometry.cols)
+        unknown = grid == UNKNOWN
+        beside = np.zeros_like(unknown)
+        beside[1:] |= unknown[:-1]
+        beside[:-1] |= unknown[1:]
+        beside[:, 1:] |= unknown[:, :-1]
+        beside[:, :-1] |= unknown[:, 1:]
+        beside &= grid == FREE
+        return np.flatnonzero(beside)
+
+    def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
+        """Every cell on a segment is known free, as sampled at a quarter of the resolution."""
+        g = self.geometry
+        length = math.hypot(x1_m - x0_m, y1_m - y0_m)
+        steps = int(4.0 * length / g.resolution_m) + 1
+        t = np.arange(steps + 1) / steps
+        cols = ((x0_m - g.x0_m + t * (x1_m - x0_m)) / g.resolution_m).astype(np.int64)
+        rows = ((y0_m - g.y0_m + t * (y1_m - y0_m)) / g.resolution_m).astype(np.int64)
+        return bool((self.cells[rows * g.cols + cols] == FREE).all())

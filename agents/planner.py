@@ -1,0 +1,147 @@
+"""Shortest paths over the known free cells of a robot's own map.
+
+The graph has a node per free cell and edges to its eight neighbors; a diagonal step needs both cells that it passes
+between. Nodes are appended as cells become known, so that a changed map costs what changed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from agents.own_map import OwnMap
+from world.grid import FREE
+
+_NO_NODE: Final = -1
+_STEPS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+_SIDES: Final = ((4, 0, 2), (5, 1, 2), (6, 0, 3), (7, 1, 3))
+"""A diagonal step, and the two straight steps whose cells must be free as well."""
+
+
+class Reach:
+    """Paths from one cell to all others that can be reached over known free cells."""
+
+    def __init__(
+        self,
+        cells: NDArray[np.int64],
+        node_of: NDArray[np.int32],
+        lengths: NDArray[np.float64],
+        before: NDArray[np.int32],
+    ) -> None:
+        self._cells = cells
+        self._node_of = node_of
+        self._lengths_m = lengths
+        self._before = before
+
+    def length_m(self, cell: int) -> float:
+        """Path length to a cell; infinite if it was not reachable when this was made."""
+        node = int(self._node_of[cell])
+        return float(self._lengths_m[node]) if 0 <= node < len(self._lengths_m) else math.inf
+
+    def lengths_m(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Path lengths to many cells, shape (n,)."""
+        nodes = self._node_of[cells]
+        known = (nodes >= 0) & (nodes < len(self._lengths_m))
+        return np.where(known, self._lengths_m[np.where(known, nodes, 0)], math.inf)
+
+    def reached(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """All cells that can be reached, and their path lengths."""
+        known = self._cells[: len(self._lengths_m)]
+        finite = self._lengths_m < math.inf
+        return known[finite], self._lengths_m[finite]
+
+    def path(self, cell: int) -> list[int]:
+        """The cells from the source (left out) to a reachable cell."""
+        node = int(self._node_of[cell])
+        steps = []
+        while self._before[node] >= 0:
+            steps.append(int(self._cells[node]))
+            node = int(self._before[node])
+        return steps[::-1]
+
+
+class Planner:
+    """The walkable graph of one map."""
+
+    def __init__(self, own_map: OwnMap) -> None:
+        self._map = own_map
+        g = own_map.geometry
+        self._cols = g.cols
+        # A rim of cells that are never free spares every bounds check.
+        self._width = g.cols + 2
+        self._offsets = np.array([dr * self._width + dc for dr, dc in _STEPS])
+        straight, diagonal = g.resolution_m, g.resolution_m * math.sqrt(2.0)
+        self._weights = np.array([straight] * 4 + [diagonal] * 4)
+        self._padded_node = np.full((g.rows + 2) * self._width, _NO_NODE, np.int32)
+        self._node_of = np.full(g.size, _NO_NODE, np.int32)
+        self._cells: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._ends: NDArray[np.int32] = np.zeros((0, 8), np.int32)
+        self._cost_m: NDArray[np.float64] = np.zeros((0, 8))
+        self._version = -1
+
+    def _padded(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        rows, cols = np.divmod(cells, self._cols)
+        return (rows + 1) * self._width + cols + 1
+
+    def _update(self) -> None:
+        """Bring the graph up to the map's version."""
+        if self._version == self._map.version:
+            return
+        self._version = self._map.version
+        free = self._map.cells == FREE
+        new = np.flatnonzero(free & (self._node_of == _NO_NODE))
+        # A cell that turned out to be a wall keeps its node, without edges to or from it.
+        lost = self._cells[~free[self._cells]]
+        lost = lost[self._padded_node[self._padded(lost)] != _NO_NODE]
+        if not new.size and not lost.size:
+            return
+        first = len(self._cells)
+        nodes = np.arange(first, first + len(new), dtype=np.int32)
+        self._node_of[new] = nodes
+        self._padded_node[self._padded(new)] = nodes
+        self._padded_node[self._padded(lost)] = _NO_NODE
+        self._cells = np.concatenate((self._cells, new))
+        self._ends = np.concatenate((self._ends, np.zeros((len(new), 8), np.int32)))
+        self._cost_m = np.concatenate((self._cost_m, np.zeros((len(new), 8))))
+        self._link(np.concatenate((new, lost)))
+
+    def _link(self, changed: NDArray[np.int64]) -> None:
+        """Renew the edges of the nodes at and around changed cells."""
+        centers = self._padded(changed)
+        around = np.unique(np.concatenate((centers, (centers[:, None] + self._offsets).ravel())))
+        around = around[self._padded_node[around] != _NO_NODE]
+        nodes = self._padded_node[around]
+        ends = self._padded_node[around[:, None] + self._offsets]
+        passable = ends != _NO_NODE
+        for diagonal, a, b in _SIDES:
+            passable[:, diagonal] &= passable[:, a] & passable[:, b]
+        # Every node keeps eight edges; one that leads nowhere is a loop to itself, which no search can use.
+        self._ends[nodes] = np.where(passable, ends, nodes[:, None])
+        self._cost_m[nodes] = self._weights
+        gone = self._node_of[changed[self._padded_node[centers] == _NO_NODE]]
+        self._ends[gone] = gone[:, None]
+        self._cost_m[gone] = self._weights
+
+    def nearest_free(self, cell: int) -> int:
+        """`cell` itself if it is known free, else the nearest cell that is."""
+        self._update()
+        if self._map.cells[cell] == FREE:
+            return cell
+        row, col = divmod(cell, self._cols)
+        rows, cols = np.divmod(self._cells, self._cols)
+        distance = (rows - row) ** 2 + (cols - col) ** 2 + np.where(self._map.cells[self._cells] == FREE, 0, 1 << 30)
+        return int(self._cells[int(np.argmin(distance))])
+
+    def reach(self, source: int) -> Reach:
+        """Shortest paths from a known free cell (Dijkstra)."""
+        self._update()
+        n = len(self._cells)
+        indptr = np.arange(0, 8 * n + 1, 8, dtype=np.int32)
+        graph = csr_array((self._cost_m.ravel(), self._ends.ravel(), indptr), shape=(n, n))
+        lengths, before = dijkstra(graph, indices=int(self._node_of[source]), return_predecessors=True)
+        return Reach(self._cells, self._node_of, lengths, before)

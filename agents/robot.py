@@ -1,0 +1,143 @@
+"""The core of one robot: absorbs what it sensed and heard at a tick, decides, then says what it sends and does."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+
+from agents.body import Action, Body
+from agents.config import RobotConfig
+from agents.map_downlink import MapDownlink
+from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport, Table, Update, kind_of
+from agents.scan_uplink import ScanUplink
+from agents.vds import Vds
+from bus.codec import WireError
+from medium.messages import BROADCAST, Frame, Inbox, Reception
+from world.messages import NOBODY, Cls, Mode, Motion, Sense, Status
+
+_TTL = 64
+_TABLE_INTERVAL_TICKS = 10
+
+
+class Robot:
+    """Sans-IO: no clock, no threads, no Zenoh. One instance is one incarnation."""
+
+    def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
+        """A new incarnation of a robot stays silent and deaf on routes while its old routes die out (PROCEDURE 2)."""
+        routing = config.policy.routing
+        quiet = incarnation > 0 and routing.quiet_restart
+        quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
+        # A text seeds the same way on every machine and under every PYTHONHASHSEED.
+        rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
+        self.config = config
+        self.body = Body(config, rng, quiet_until)
+        self.policy = Vds(self.body)
+        reporting = config.policy.reporting
+        self._store_and_forward = reporting.store_and_forward
+        self.uplink = ScanUplink(config.node, incarnation, reporting)
+        self.downlink = MapDownlink(reporting.chunk_cells)
+        self._victims_seen: set[int] = set()
+        self.bad_frames = 0
+        self._action = Action((0.0, 0.0), Mode.WAIT, Cls.SR, self.body.at)
+        self._shown: Table | None = None
+
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
+        """One tick.
+
+        Args:
+            sense: own pose, and a lidar scan when due.
+            inbox: what was heard; None at the first tick after (re)joining.
+        """
+        tick, body = sense.tick, self.body
+        body.tick, body.at = tick, (sense.x_m, sense.y_m)
+        updates = self._sort(inbox)
+        body.router.step(tick, updates)
+        self.uplink.acknowledge(body.router.ms.acks)
+        if sense.ranges_m is not None:
+            self._scan(sense)
+        action = self._action = self.policy.step()
+        flags = action.cls | action.need << 1
+        body.router.announce_self(tick, *body.at, flags, action.target_m)
+        return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
+
+    def _sort(self, inbox: Inbox | None) -> list[Reception]:
+        """Take in what is addressed to this robot; returns the routing updates, which are for everyone."""
+        updates = []
+        for reception in inbox.receptions if inbox is not None else ():
+            try:
+                kind = kind_of(reception.payload)
+                if kind == UPDATE:
+                    updates.append(reception)
+                elif kind == SCAN_REPORT:
+                    self.uplink.carry(ScanReport.decode(reception.payload))
+                elif kind == MAP_CHUNK:
+                    self._take_map(MapChunk.decode(reception.payload))
+                else:
+                    raise WireError(f"unknown kind {kind}")
+            except WireError:
+                self.bad_frames += 1
+        return updates
+
+    def _take_map(self, chunk: MapChunk) -> None:
+        if chunk.cells.size and int(chunk.cells.max()) >= self.body.map.geometry.size:
+            raise WireError("a cell lies outside the grid")
+        cells, values = self.downlink.receive(chunk)
+        if cells.size:
+            self.body.map.apply(cells, values)
+
+    def _scan(self, sense: Sense) -> None:
+        """Integrate a scan and report what it changed."""
+        if not self._store_and_forward and self.body.router.ms.nms == NOBODY:
+            # The paper's rule: a point counts only if the robot has a path to the MS meanwhile. What is not taken into
+            # the map now will be news again later.
+            self.uplink.discarded += 1
+            return
+        assert sense.ranges_m is not None
+        cells, values = self.body.map.integrate(sense.x_m, sense.y_m, sense.ranges_m)
+        self.policy.explorer.discovered(int(np.count_nonzero(values == 0)))
+        victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
+        self._victims_seen.update(v[0] for v in victims)
+        if cells.size or victims:
+            self.uplink.make(ScanReport(0, 0, 1, _TTL, cells.astype(np.uint32), values, victims))
+
+    def _frames(self, tick: int, action: Action) -> tuple[Frame, ...]:
+        router = self.body.router
+        if tick < router.quiet_until:
+            return ()
+        ms = router.ms
+        update = Update(ms.nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
+        frames = [Frame(BROADCAST, update.encode())]
+        if ms.nms != NOBODY:
+            frames += [Frame(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]
+        else:
+            self.uplink.drop_carried()
+        children = router.neighbors.naming(router.node)
+        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, children, router.neighbors)]
+        return tuple(frames)
+
+    def _status(self, action: Action) -> Status:
+        ms, uplink = self.body.router.ms, self.uplink
+        x, y = action.target_m
+        return Status(
+            action.cls, ms.nms, action.msr, self.policy.nmsr, ms.hops, action.mode, x, y,
+            uplink.made, uplink.buffered, uplink.discarded,
+        )  # fmt: skip
+
+    def table(self) -> Table | None:
+        """The forwarding table for the recording; None if it was shown lately, or nothing but locations changed."""
+        tick, last = self.body.tick, self._shown
+        if last is not None and tick - last.tick < _TABLE_INTERVAL_TICKS:
+            return None
+        now = self.body.router.shown(tick, self._action.msr)
+        if (
+            last is not None
+            and now.msr == last.msr
+            and all(
+                np.array_equal(getattr(now, name), getattr(last, name))
+                for name in ("dst", "next_hop", "hop", "inv", "cls")
+            )
+        ):
+            return None
+        self._shown = now
+        return now

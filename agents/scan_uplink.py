@@ -1,0 +1,71 @@
+"""Scans on their way up: numbered reports, unicast hop by hop to the NMS, kept until the MS acknowledges them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from agents.config import Reporting
+from agents.messages import ACK, ScanReport
+from bus.codec import column
+from world.messages import TICK_S
+
+
+class ScanUplink:
+    """The reports of one robot incarnation, and those that it carries for others."""
+
+    def __init__(self, node: int, incarnation: int, rules: Reporting) -> None:
+        self._node = node
+        self._incarnation = incarnation
+        self._resend_min_ticks = round(rules.resend_min_s / TICK_S)
+        self._unacknowledged: dict[int, bytes] = {}
+        self._sent_tick: dict[int, int] = {}
+        self._carried: list[bytes] = []
+        self._acks = b""
+        self.made = 0
+        self.discarded = 0
+
+    @property
+    def buffered(self) -> int:
+        """Reports made that the MS has not acknowledged."""
+        return len(self._unacknowledged)
+
+    def make(self, report: ScanReport) -> None:
+        """Number a report and keep it."""
+        self.made += 1
+        numbered = replace(report, origin=self._node, incarnation=self._incarnation, number=self.made)
+        self._unacknowledged[self.made] = numbered.encode()
+
+    def carry(self, report: ScanReport) -> None:
+        """Pass a report on that another robot sent through this one; without a route its origin will send it again."""
+        if report.ttl > 0:
+            self._carried.append(replace(report, ttl=report.ttl - 1).encode())
+
+    def acknowledge(self, acks: bytes) -> None:
+        """Forget what the MS says that it has."""
+        if acks == self._acks:
+            return
+        self._acks = acks
+        rows = column(acks, ACK)
+        mine = rows[(rows["robot"] == self._node) & (rows["incarnation"] == self._incarnation)]
+        upto = int(np.max(mine["number"], initial=0))
+        for number in [n for n in self._unacknowledged if n <= upto]:
+            del self._unacknowledged[number]
+            self._sent_tick.pop(number, None)
+
+    def due(self, tick: int, hops: int) -> list[bytes]:
+        """Payloads to send to the NMS now, given a route of `hops`: carried ones, new ones, overdue ones.
+
+        A report is overdue after twice the round trip; one hop costs a tick each way.
+        """
+        carried, self._carried = self._carried, []
+        patience = max(self._resend_min_ticks, 2 * 2 * hops)
+        late = [n for n in self._unacknowledged if tick - self._sent_tick.get(n, -patience) >= patience]
+        for number in late:
+            self._sent_tick[number] = tick
+        return carried + [self._unacknowledged[n] for n in late]
+
+    def drop_carried(self) -> None:
+        """There is no route: what was to be passed on is lost here, and sent again by its origin."""
+        self._carried.clear()

@@ -1,0 +1,80 @@
+"""SRRC: search and relay robot classification (paper, II-A.2 and II-A.3).
+
+Class: with an empty inv a robot is the end of a chain, hence a search robot (SR); else a relay (RR).
+MSR, of a relay: among the SRs of the forwarding table, 1) discard those whose next hop is the NMS; 2) of the rest take
+the one farthest from the MS along the shortest path on the relay's own map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.config import Classing
+from agents.forwarding_table import ForwardingTable
+from world.messages import NOBODY, STATION, UNREACHABLE, Cls
+
+CLS_BIT = 1
+"""The bit of a row's `cls` that holds the class."""
+
+
+def select_msr(
+    table: ForwardingTable, nms: int, distance_to_ms_m: Callable[[float, float], float], present: int, margin_m: float
+) -> int:
+    """MSR selection rule.
+
+    Args:
+        table: the forwarding table of the relay.
+        nms: its next hop to the MS.
+        distance_to_ms_m: path length from the MS to a place.
+        present: the MSR so far.
+        margin_m: the present MSR is replaced only by one at least this much farther (ours).
+
+    Returns:
+        The MSR's id, or NOBODY if no SR is left after rule 1.
+    """
+    ids = table.known
+    rows = table.rows[ids]
+    eligible = ((rows["cls"] & CLS_BIT) == Cls.SR) & (rows["hop"] < UNREACHABLE) & (table.next_hop[ids] != nms)
+    eligible &= (ids != table.node) & (ids != STATION)
+    candidates = ids[eligible].tolist()
+    if len(candidates) <= 1:
+        return int(candidates[0]) if candidates else NOBODY
+    far = {node: distance_to_ms_m(*table.location_m(node)) for node in candidates}
+    best: int = max(candidates, key=lambda node: (far[node], -node))
+    if present in far and far[best] < far[present] + margin_m:
+        return present
+    return best
+
+
+class Classifier:
+    """The class of one robot, tick by tick."""
+
+    def __init__(self, rules: Classing) -> None:
+        self._rules = rules
+        self.cls = Cls.SR
+        self._empty_since: int | None = None
+
+    def step(self, tick: int, inv: list[int]) -> Cls:
+        """To RR at once; back to SR after inv was empty for a while (the delay is ours)."""
+        if inv:
+            self.cls = Cls.RR
+            self._empty_since = None
+        else:
+            if self._empty_since is None:
+                self._empty_since = tick
+            if tick - self._empty_since >= self._rules.sr_after_ticks:
+                self.cls = Cls.SR
+        return self.cls
+
+
+def other_targets(table: ForwardingTable) -> NDArray[np.float64]:
+    """Announced targets of the other SRs in the table, shape (n, 2), in metres."""
+    ids = table.known
+    rows = table.rows[ids]
+    searching = ((rows["cls"] & CLS_BIT) == Cls.SR) & (rows["hop"] < UNREACHABLE) & (ids != table.node)
+    searching &= ids != STATION
+    chosen = rows[searching]
+    return np.column_stack((chosen["target_x_m"], chosen["target_y_m"])).astype(np.float64)

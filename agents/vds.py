@@ -1,0 +1,141 @@
+"""The paper's policy: SRRC and the behavior algorithm of its Fig. 3 (as we read it, PROCEDURE 4). First that applies:
+
+1. No route to the MS       APR: trace where the NMS was last known, then the known map towards the MS, at 2 km/h.
+2. d_in > r_in              inner link recovery: trace the NMS at 2 km/h, while a potential NMS is looked for (nms.py).
+3. RR and d_out > r_out     outer link recovery: trace the NMSR at 2 km/h.
+4. otherwise                walk to the target at 1 km/h. An SR chooses its target; an RR has its MSR's.
+
+A neighbor that is silent is beyond r_in and r_out (PROCEDURE 9, rule A).
+"""
+
+from __future__ import annotations
+
+import math
+
+from agents.body import Action, Body, Place
+from agents.explorer import Explorer
+from agents.srrc import Classifier, other_targets, select_msr
+from agents.walker import Walker
+from world.messages import NOBODY, STATION, Cls, Mode
+
+Velocity = tuple[float, float]
+
+_STILL: Velocity = (0.0, 0.0)
+
+
+class Vds:
+    """Decides for one robot. Subclass it to replace `choose_msr` or `choose_target` (docs/writing-a-policy.md)."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        rules = body.config.policy
+        self.rules = rules
+        self.classifier = Classifier(rules.classing)
+        self.explorer = Explorer(rules.exploring, body.map, body.planner, body.rng)
+        self.r_in_m = body.router.ms.r_in_m
+        self.r_out_m = rules.routing.r_out_share * body.config.radius_m
+        self._to_target = Walker(body.map, body.planner, same_goal_m=0.05)
+        self._tracing = Walker(body.map, body.planner, same_goal_m=0.5)
+        self.target: Place | None = None
+        self.msr = NOBODY
+        self._was_at_nms = False
+
+    @property
+    def nmsr(self) -> int:
+        """Next hop to the MSR (paper, II-B)."""
+        return int(self.body.router.table.next_hop[self.msr]) if self.msr != NOBODY else NOBODY
+
+    def step(self) -> Action:
+        """Class, MSR, target, movement: the decision of this tick."""
+        router = self.body.router
+        before = self.classifier.cls
+        cls = self.classifier.step(self.body.tick, router.neighbors.naming(router.node))
+        if cls is Cls.RR:
+            self._follow_msr()
+            self.explorer.rest()
+        elif before is Cls.RR:
+            self.msr = NOBODY
+        velocity, mode = self.behave(cls)
+        return Action(velocity, mode, cls, self.target or self.body.at, self.msr)
+
+    def behave(self, cls: Cls) -> tuple[Velocity, Mode]:
+        """Fig. 3."""
+        tick, router = self.body.tick, self.body.router
+        if tick < router.quiet_until:
+            return _STILL, Mode.LOST
+        if router.ms.nms == NOBODY:
+            return self._recover_path(), Mode.LOST
+        self._was_at_nms = False
+        if cls is Cls.SR:
+            self._search()
+        if router.ms.weak(tick):
+            return self.trace(router.ms.nms), Mode.INNER
+        if cls is Cls.RR:
+            if self.nmsr != NOBODY and router.neighbors.distance_m(self.nmsr, tick) > self.r_out_m:
+                return self.trace(self.nmsr), Mode.OUTER
+            if not self.rules.moving.relay_walks:
+                return _STILL, Mode.WAIT
+        return self._walk()
+
+    # -- relay ---------------------------------------------------------------------------------------------------------
+
+    def choose_msr(self) -> int:
+        """MSR selection rule (paper, II-A.3)."""
+        distance = self.body.ms_distance
+        distance.tick = self.body.tick
+        router = self.body.router
+        return select_msr(router.table, router.ms.nms, distance, self.msr, self.rules.classing.msr_margin_m)
+
+    def _follow_msr(self) -> None:
+        """Keep MSR and target of a relay; if no SR is left, it keeps its last target."""
+        self.msr = self.choose_msr()
+        if self.msr != NOBODY and self.rules.classing.copy_target:
+            row = self.body.router.table.rows[self.msr]
+            self.target = float(row["target_x_m"]), float(row["target_y_m"])
+
+    # -- search --------------------------------------------------------------------------------------------------------
+
+    def choose_target(self) -> Place | None:
+        """Decision-theoretic choice (paper, II-B); None if there is no frontier."""
+        body = self.body
+        chosen = self.explorer.select(body.tick, body.at, other_targets(body.router.table))
+        if chosen is None:
+            return None
+        target, reach = chosen
+        self._to_target.take(body.tick, body.at, target, reach)
+        return target
+
+    def _search(self) -> None:
+        tick, at = self.body.tick, self.body.at
+        due = self.explorer.done(at, self.target, self.rules.moving.arrive_m)
+        if not due and self.target is not None:
+            due = self.explorer.stalled(tick, at, self.target, self._to_target.remaining_m(at))
+        if due:
+            self.target = self.choose_target()
+
+    # -- movement ------------------------------------------------------------------------------------------------------
+
+    def trace(self, node: int) -> Velocity:
+        """Towards where a node was last heard to be, at the accelerated speed (paper, III)."""
+        return self._run_to(self.body.router.table.location_m(node))
+
+    def _run_to(self, place: Place) -> Velocity:
+        return self._tracing.velocity(self.body.tick, self.body.at, place, self.rules.moving.trace_speed_m_s)
+
+    def _walk(self) -> tuple[Velocity, Mode]:
+        goal, tick = self.target, self.body.tick
+        if self.classifier.cls is Cls.SR and tick < self.explorer.retreat_until:
+            goal = self.body.config.station_m
+        if goal is None:
+            return _STILL, Mode.WAIT
+        return self._to_target.velocity(tick, self.body.at, goal, self.rules.moving.speed_m_s), Mode.WALK
+
+    def _recover_path(self) -> Velocity:
+        """APR: first where the NMS was, from there towards the MS, until some neighbor offers a route."""
+        last, station = self.body.router.ms.last_nms, self.body.config.station_m
+        if last in (NOBODY, STATION):
+            return self._run_to(station)
+        place = self.body.router.table.location_m(last)
+        if math.dist(place, self.body.at) < 2.0 * self.body.map.geometry.resolution_m:
+            self._was_at_nms = True
+        return self._run_to(station if self._was_at_nms else place)

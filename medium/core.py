@@ -1,0 +1,126 @@
+"""The medium: delivers each frame to the live nodes within range of its sender, and keeps the trace digest."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medium.config import MediumConfig
+from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
+from medium.propagation import Propagation
+from world.messages import TICK_S, Positions
+
+_TICK: Final = struct.Struct("<IH")
+_FRAME: Final = struct.Struct("<HiI")
+
+
+class Medium:
+    """Sans-IO core of the radio.
+
+    It sees source, link-layer destination and size of a frame. The digest of a run is SHA-256 over, tick by tick, the
+    true positions and every counted transmission in node order.
+    """
+
+    def __init__(self, config: MediumConfig) -> None:
+        self._config = config
+        self._propagation = Propagation(config)
+        self._random = np.random.Generator(np.random.PCG64(np.random.SeedSequence([config.seed, 2])))
+        self._trace = hashlib.sha256()
+        self.sent = 0
+        self.delivered = 0
+        self.rejected = 0
+        self.sent_bytes = 0
+        rate = config.radio.bandwidth_bytes_s
+        self._budget_bytes = None if rate is None else rate * TICK_S
+
+    def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]:
+        """Carry the frames of tick k; returns the inboxes of tick k + 1, one for each node that transmitted.
+
+        Args:
+            positions: the roster of tick k and its true places.
+            transmissions: by node; a node of the roster without one departed during the tick.
+        """
+        ids = positions.nodes.tolist()
+        self._record(positions, [transmissions[i] for i in ids if i in transmissions])
+        power, heard = self._propagation.received(positions.nodes, positions.xy_m)
+        self._jam(positions, heard)
+        loss = 1.0 - (1.0 - self._config.radio.loss) * (1.0 - positions.loss)
+        place = {node: k for k, node in enumerate(ids)}
+        inboxes: dict[int, list[Reception]] = {node: [] for node in ids if node in transmissions}
+        for src in inboxes:
+            row = place[src]
+            level = power[row].tolist()
+            listeners = [(ids[k], level[k]) for k in np.flatnonzero(heard[row]).tolist() if ids[k] in inboxes]
+            for frame in self._within_budget(transmissions[src].frames):
+                self._deliver(src, frame, listeners, inboxes, loss)
+        return {node: Inbox(positions.tick + 1, tuple(heard_frames)) for node, heard_frames in inboxes.items()}
+
+    def _deliver(
+        self,
+        src: int,
+        frame: Frame,
+        listeners: list[tuple[int, float]],
+        inboxes: dict[int, list[Reception]],
+        loss: float,
+    ) -> None:
+        for node, level in listeners:
+            if frame.dst in (BROADCAST, node) and (loss == 0.0 or self._random.random() >= loss):
+                inboxes[node].append(Reception(src, level, frame.payload))
+                self.delivered += 1
+
+    def _within_budget(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+        """The frames that the sender's bandwidth lets out in one tick, in its order; the rest is rejected."""
+        if self._budget_bytes is not None:
+            left = self._budget_bytes
+            for k, frame in enumerate(frames):
+                left -= len(frame.payload)
+                if left < 0:
+                    self.reject(len(frames) - k)
+                    frames = frames[:k]
+                    break
+        self.sent += len(frames)
+        self.sent_bytes += sum(len(f.payload) for f in frames)
+        return frames
+
+    def reject(self, frames: int) -> None:
+        """Count frames that were not let onto the air."""
+        self.rejected += frames
+
+    def _record(self, positions: Positions, transmissions: list[Transmission]) -> None:
+        update = self._trace.update
+        update(_TICK.pack(positions.tick, len(positions.nodes)))
+        update(positions.nodes.tobytes())
+        update(positions.xy_m.tobytes())
+        for transmission in transmissions:
+            for dst, payload in transmission.frames:
+                update(_FRAME.pack(transmission.src, dst, len(payload)))
+                update(payload)
+
+    @staticmethod
+    def _jam(positions: Positions, heard: NDArray[np.bool_]) -> None:
+        for jam in positions.jams:
+            if jam.region_m is not None:
+                x0, y0, x1, y1 = jam.region_m
+                x, y = positions.xy_m.T
+                heard[:, (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)] = False
+            elif jam.pair is not None:
+                a, b = (np.flatnonzero(positions.nodes == node) for node in jam.pair)
+                heard[np.ix_(a, b)] = False
+                heard[np.ix_(b, a)] = False
+
+    def final(self) -> dict[str, Any]:
+        """Counts at the end of the run, and the trace digest."""
+        return {
+            "trace_sha256": self._trace.hexdigest(),
+            "frames": {
+                "sent": self.sent,
+                "delivered": self.delivered,
+                "rejected": self.rejected,
+                "bytes": self.sent_bytes,
+            },
+        }

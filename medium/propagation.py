@@ -1,0 +1,83 @@
+"""Propagation models: how loud a sender is at a receiver, and how loud is loud enough (PROCEDURE 9).
+
+Received power follows the log-distance path loss P_r = P_t - PL0 - 10 n log10(d / 1 m), after Rappaport, Wireless
+Communications, and ITU-R P.1238. `disk` and `disk_los` cut it off at the transmission radius, so that a robot which
+inverts the curve knows the distance exactly (paper, II-B); `log_distance` adds walls and shadowing and cuts it off at
+the sensitivity.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medium.config import MediumConfig
+from world.geometry import walls_crossed
+
+_NEAREST_M: Final = 0.01
+"""The curve has no value at distance 0."""
+
+_PLACE_M: Final = 1.0
+"""Shadowing is fixed per link and per place of this size."""
+
+
+class Propagation:
+    """Received power and audibility for all pairs of nodes."""
+
+    def __init__(self, config: MediumConfig) -> None:
+        self._config = config
+        radio = config.radio
+        self._at_1m_dbm = radio.tx_power_dbm - radio.loss_1m_db
+        self._slope_db = 10.0 * radio.exponent
+        self.sensitivity_dbm = self._at_1m_dbm - self._slope_db * math.log10(config.radius_m)
+        """Mean power at the transmission radius."""
+        self._shadow_db = lru_cache(maxsize=100_000)(self._draw_shadow_db)
+
+    def received(
+        self, nodes: NDArray[np.int16], xy_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Power in dBm and audibility, both (n, n) and symmetric, of each node (row) at each other (column)."""
+        delta = xy_m[:, None, :] - xy_m[None, :, :]
+        distance_m = np.sqrt(np.einsum("ijk,ijk->ij", delta, delta))
+        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, _NEAREST_M))
+        model = self._config.radio.model
+        if model == "log_distance":
+            self._obstruct(power, nodes, xy_m)
+            heard = power >= self.sensitivity_dbm
+        else:
+            heard = distance_m <= self._config.radius_m
+            if model == "disk_los":
+                rows, cols = np.nonzero(np.triu(heard, 1))
+                blocked = self._walls(xy_m, rows, cols) > 0
+                heard[rows[blocked], cols[blocked]] = heard[cols[blocked], rows[blocked]] = False
+        np.fill_diagonal(heard, False)
+        return power, heard
+
+    def _walls(self, xy_m: NDArray[np.float64], rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.int64]:
+        return walls_crossed(self._config.occupied, self._config.geometry, xy_m[rows], xy_m[cols])
+
+    def _obstruct(self, power: NDArray[np.float64], nodes: NDArray[np.int16], xy_m: NDArray[np.float64]) -> None:
+        radio = self._config.radio
+        # Shadowing is cut off at four sigma: no other pair can be heard, and walls are counted for these only.
+        hopeful = power + 4.0 * radio.shadowing_db >= self.sensitivity_dbm
+        rows, cols = np.nonzero(np.triu(hopeful, 1))
+        change = -radio.wall_loss_db * self._walls(xy_m, rows, cols)
+        if radio.shadowing_db > 0.0:
+            ids = nodes.tolist()
+            places = np.floor(xy_m / _PLACE_M).astype(int).tolist()
+            links = zip(rows.tolist(), cols.tolist(), strict=True)
+            change = change + np.array([self._shadow_db(ids[i], ids[j], *places[i], *places[j]) for i, j in links])
+        power[rows, cols] += change
+        power[cols, rows] = power[rows, cols]
+
+    def _draw_shadow_db(self, *link: int) -> float:
+        """X of one link between two places: a hash makes it a function of the place, not of the order of visits."""
+        digest = hashlib.blake2b(repr((self._config.seed, link)).encode(), digest_size=16).digest()
+        u, v = (int.from_bytes(part, "little") / 2**64 for part in (digest[:8], digest[8:]))
+        normal = math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
+        return self._config.radio.shadowing_db * max(-4.0, min(4.0, normal))

@@ -1,0 +1,160 @@
+"""The core of the monitor station: a DSDV node without wheels that merges scans and hands the merged map out."""
+
+from __future__ import annotations
+
+import random
+import struct
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.dsdv import Router
+from agents.map_downlink import MapDownlink
+from agents.messages import SCAN_REPORT, UPDATE, ScanReport, Update, kind_of
+from agents.srrc import CLS_BIT
+from bus.codec import WireError
+from medium.messages import BROADCAST, Frame, Inbox, Reception
+from monitor_station.config import StationConfig
+from monitor_station.map_merger import MapMerger
+from monitor_station.search_rate import SearchRate
+from monitor_station.view import StationView
+from world.messages import NOBODY, UNREACHABLE, Cls, Report, Sense
+
+_RECORD: Final = struct.Struct("<II")
+"""Of the journal: the tick at which a report was merged, and its length."""
+
+
+class Station:
+    """Sans-IO. What it knows came over the radio; a journal lets a new incarnation go on where the last one ended."""
+
+    def __init__(self, config: StationConfig, incarnation: int, first_tick: int) -> None:
+        node = config.node
+        routing = node.policy.routing
+        quiet = incarnation > 0 and routing.quiet_restart
+        quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
+        self.config = config
+        self.router = Router(node, random.Random(f"{node.seed}/{node.node}/{incarnation}"), quiet_until)
+        self.merger = MapMerger(node.geometry, node.safety_zone_m)
+        self.downlink = MapDownlink(node.policy.reporting.chunk_cells)
+        self.search = SearchRate(config.search_cells, node.geometry.size)
+        known = np.flatnonzero(self.merger.cells >= 0)
+        self.search.update(0, known, self.merger.cells)
+        self.bad_frames = 0
+        self._tick = first_tick
+        self._journal: list[bytes] = []
+        self._changed: tuple[NDArray[np.int64], NDArray[np.int8]] = (known, self.merger.cells[known])
+
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Report]:
+        """One tick: `inbox` is None at the first one after (re)joining."""
+        tick = self._tick = sense.tick
+        self._journal.clear()
+        reports, updates = self._sort(inbox)
+        merged = [self._merge(tick, report) for report in reports]
+        if merged or not sense.first:
+            self._changed = self._joined(merged)
+        self.router.step(tick, updates)
+        self.router.announce_self(tick, sense.x_m, sense.y_m, Cls.RR, (sense.x_m, sense.y_m))
+        report = Report(
+            tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims))
+        )
+        return self._frames(tick), report
+
+    def _sort(self, inbox: Inbox | None) -> tuple[list[ScanReport], list[Reception]]:
+        reports, updates = [], []
+        for reception in inbox.receptions if inbox is not None else ():
+            try:
+                kind = kind_of(reception.payload)
+                if kind == UPDATE:
+                    updates.append(reception)
+                elif kind == SCAN_REPORT:
+                    reports.append(ScanReport.decode(reception.payload))
+                else:
+                    raise WireError(f"unknown kind {kind}")
+            except WireError:
+                self.bad_frames += 1
+        return reports, updates
+
+    def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        nothing = np.zeros(0, np.int64), np.zeros(0, np.int8)
+        try:
+            change = self.merger.take(report)
+        except WireError:
+            self.bad_frames += 1
+            return nothing
+        if change is None:
+            return nothing
+        payload = report.encode()
+        self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
+        cells, values = change
+        self.downlink.append(cells.astype(np.uint32), values)
+        self.search.update(tick, cells, self.merger.cells)
+        return change
+
+    @staticmethod
+    def _joined(
+        changes: list[tuple[NDArray[np.int64], NDArray[np.int8]]],
+    ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        cells = np.concatenate([np.zeros(0, np.int64), *(c for c, _ in changes)])
+        values = np.concatenate([np.zeros(0, np.int8), *(v for _, v in changes)])
+        return cells, values
+
+    def _frames(self, tick: int) -> tuple[Frame, ...]:
+        router = self.router
+        if tick < router.quiet_until:
+            return ()
+        update = Update(NOBODY, NOBODY, self.downlink.version, router.table.advertised(), self.merger.acks())
+        frames = [Frame(BROADCAST, update.encode())]
+        children = router.neighbors.naming(router.node)
+        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, children, router.neighbors)]
+        return tuple(frames)
+
+    def view(self) -> StationView:
+        """What the operators know after this tick's step."""
+        table = self.router.table
+        ids = table.known[table.known != self.router.node]
+        rows = table.rows[ids]
+        victims = tuple((victim, x, y) for victim, (x, y) in sorted(self.merger.victims.items()))
+        return StationView(
+            self._tick,
+            ids.astype(np.int16),
+            np.column_stack((rows["x_m"], rows["y_m"])),
+            rows["cls"] & CLS_BIT,
+            rows["hop"] < UNREACHABLE,
+            *self._changed,
+            victims,
+            self.search.rates,
+        )
+
+    def journal(self) -> bytes:
+        """What this step merged; it must be on disk before the step's frames, which acknowledge it, are sent."""
+        return b"".join(self._journal)
+
+    def restore(self, journal: bytes) -> None:
+        """Take in the journal of earlier incarnations, before the first step. A record cut off at its end is ignored:
+        it was never acknowledged.
+        """
+        at, end = 0, len(journal)
+        while at + _RECORD.size <= end:
+            tick, length = _RECORD.unpack_from(journal, at)
+            at += _RECORD.size
+            if at + length > end:
+                break
+            self._merge(tick, ScanReport.decode(journal[at : at + length]))
+            at += length
+        self._journal.clear()
+        known = np.flatnonzero(self.merger.cells >= 0)
+        self._changed = known, self.merger.cells[known]
+
+    def final(self) -> dict[str, Any]:
+        """Counts at the end of the run, JSON types."""
+        names, times = self.search.names, self.search.search_time_s
+        everything = [t for t in times if t is not None]
+        return {
+            "search_rate": dict(zip(names, self.search.rates, strict=True)),
+            "search_time_s": dict(zip(names, times, strict=True))
+            | {"all": max(everything) if everything and len(everything) == len(times) else None},
+            "merged": self.merger.merged,
+            "victims_found": sorted(self.merger.victims),
+            "bad_frames": self.bad_frames + self.router.bad_frames,
+        }

@@ -1,0 +1,55 @@
+"""Merges scan reports into the map that the operators see, and keeps count of what each robot has delivered."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.messages import ACK, ScanReport
+from bus.codec import WireError
+from world.grid import FREE, UNKNOWN, GridGeometry
+
+
+class MapMerger:
+    """Occupied beats free beats unknown, so the order of reports cannot matter to the map."""
+
+    def __init__(self, geometry: GridGeometry, safety_zone_m: tuple[float, float, float, float]) -> None:
+        self.geometry = geometry
+        self.cells: NDArray[np.int8] = np.full(geometry.size, UNKNOWN, np.int8)
+        self.cells[geometry.rectangle(*safety_zone_m)] = FREE
+        self.victims: dict[int, tuple[float, float]] = {}
+        self.merged = 0
+        """Different reports taken in."""
+        self._complete: dict[tuple[int, int], int] = {}
+        self._ahead: dict[tuple[int, int], set[int]] = {}
+
+    def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
+        """Merge a report; returns the changed cells, ascending, and their values, or None for one that is known.
+
+        Raises:
+            WireError: a cell lies outside the grid.
+        """
+        if report.cells.size and int(report.cells.max()) >= self.geometry.size:
+            raise WireError("a cell lies outside the grid")
+        source = report.origin, report.incarnation
+        complete, ahead = self._complete.get(source, 0), self._ahead.setdefault(source, set())
+        if report.number <= complete or report.number in ahead:
+            return None
+        ahead.add(report.number)
+        while complete + 1 in ahead:
+            complete += 1
+            ahead.remove(complete)
+        self._complete[source] = complete
+        self.merged += 1
+        for victim, x, y in report.victims:
+            self.victims.setdefault(victim, (x, y))
+        indices = report.cells.astype(np.int64)
+        better = report.values > self.cells[indices]
+        np.maximum.at(self.cells, indices[better], report.values[better])
+        changed = np.unique(indices[better])
+        return changed, self.cells[changed]
+
+    def acks(self) -> bytes:
+        """Raw ACK column: per robot incarnation the highest report number that is here without a gap."""
+        rows = [(robot, incarnation, number) for (robot, incarnation), number in sorted(self._complete.items())]
+        return np.array(rows, ACK).tobytes()
