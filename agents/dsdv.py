@@ -11,16 +11,16 @@ import random
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.config import RobotConfig
-from agents.forwarding_table import ForwardingTable, check_rows
-from agents.messages import ACK, ROW, Table
+from agents.forwarding_table import ForwardingTable, check_rows, freshness_of
+from agents.messages import ROW, Table, Update
 from agents.neighbors import Neighbors
 from agents.nms import MsRoute
-from bus.codec import WireError, column, integer, unpack
+from agents.srrc import CLS_BIT
+from bus.codec import WireError
 from medium.messages import Reception
-from world.messages import MAX_NODE, MAX_TICK, NOBODY, STATION
+from world.messages import NOBODY, STATION, Cls
 
 
 class Router:
@@ -32,6 +32,8 @@ class Router:
         self.neighbors = Neighbors(config)
         self.ms = MsRoute(config, self.table, self.neighbors)
         self._rng = rng
+        # The MS is where everybody knows it to be, and no search robot.
+        self.table.set_inherent(STATION, Cls.RR, config.station_m, config.station_m)
         self._sticky = STATION if config.policy.routing.sticky else NOBODY
         self.quiet_until = quiet_until
         """First tick at which a new incarnation sends and learns routes again."""
@@ -47,65 +49,58 @@ class Router:
         if self.node != STATION:
             self.ms.step(tick, self._rng)
 
-    def _absorb(self, tick: int, updates: Sequence[Reception]) -> None:
-        senders: list[int] = []
-        tables: list[bytes] = []
-        for src, power, payload in updates:
-            try:
-                _, nms, hold, version, rows, acks = unpack(payload, 6)
-                integer(nms, NOBODY, MAX_NODE)
-                integer(hold, NOBODY, MAX_NODE)
-                integer(version, 0, MAX_TICK)
-                check_rows(column(rows, ROW))
-                column(acks, ACK)
-            except WireError:
-                self.bad_frames += 1
-                continue
-            neighbor = self.neighbors.hear(src, tick, power)
-            neighbor.nms, neighbor.hold, neighbor.map_version, neighbor.acks = nms, hold, version, acks
-            senders.append(src)
-            tables.append(rows)
-        if not senders:
+    def _absorb(self, tick: int, receptions: Sequence[Reception]) -> None:
+        updates = [(r, update) for r in receptions if (update := self._decoded(r)) is not None]
+        if not updates:
             return
-        batch = np.frombuffer(b"".join(tables), ROW)
-        counts = [len(rows) // ROW.itemsize for rows in tables]
-        ids = np.array(senders)
-        self._note_ms(batch, np.repeat(ids, counts))
-        self.table.merge(ids, counts, batch, sticky=self._sticky)
-
-    def _note_ms(self, batch: NDArray[np.void], sender: NDArray[np.int64]) -> None:
-        """Keep each neighbor's own entry for the MS: the sticky route chooses among them."""
-        about_ms = np.flatnonzero(batch["dst"] == STATION)
-        if not about_ms.size:
+        batch = np.frombuffer(b"".join([update.rows.data for _, update in updates]), ROW)
+        try:
+            check_rows(batch)
+        except WireError:
+            self._absorb(tick, [r for r, update in updates if self._acceptable(update)])
             return
-        latest = batch[about_ms[-1]]
-        rows = batch[about_ms]
-        for node, seqno, hop in zip(
-            sender[about_ms].tolist(), rows["seqno"].tolist(), rows["hop"].tolist(), strict=True
-        ):
-            neighbor = self.neighbors.by_id[node]
-            neighbor.ms_seqno, neighbor.ms_hop = seqno, hop
-        if self._sticky == STATION and self.node != STATION:
-            self.table.set_inherent(STATION, float(latest["x_m"]), float(latest["y_m"]), 0, (0.0, 0.0))
+        counts = [len(update.rows) for _, update in updates]
+        # Rows ascend by destination, so the entry for the MS, node 0, is the first of a table that has one.
+        heads = batch[np.cumsum([0, *counts[:-1]])]
+        ms_freshness = np.where(heads["dst"] == STATION, heads["freshness"], -1).tolist()
+        for (reception, update), freshness in zip(updates, ms_freshness, strict=True):
+            neighbor = self.neighbors.hear(reception.src, tick, reception.rx_power_dbm)
+            neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
+            neighbor.acks, neighbor.ms_freshness = update.acks, freshness
+        self.table.merge(np.array([r.src for r, _ in updates]), counts, batch, sticky=self._sticky)
 
-    def announce_self(self, tick: int, x_m: float, y_m: float, cls: int, target_m: tuple[float, float]) -> None:
+    def _decoded(self, reception: Reception) -> Update | None:
+        try:
+            return Update.decode(reception.payload)
+        except WireError:
+            self.bad_frames += 1
+            return None
+
+    def _acceptable(self, update: Update) -> bool:
+        try:
+            check_rows(update.rows)
+        except WireError:
+            self.bad_frames += 1
+            return False
+        return True
+
+    def announce_self(self, tick: int, at_m: tuple[float, float], flags: int, target_m: tuple[float, float]) -> None:
         """Renew this node's own entry: a newer even number, where it is, its class and its target."""
-        self.table.set_route(self.node, 2 * tick, 0, self.node)
-        self.table.set_inherent(self.node, x_m, y_m, cls, target_m)
+        self.table.set_route(self.node, freshness_of(2 * tick, 0), self.node)
+        self.table.set_inherent(self.node, flags, at_m, target_m)
 
     def shown(self, tick: int, msr: int) -> Table:
         """The table with every column of Fig. 2, for the recording."""
         table = self.table
         ids = table.known[table.known != self.node]
-        rows = table.rows[ids]
         return Table(
             tick,
             self.node,
             msr,
             ids.astype(np.int16),
             table.next_hop[ids],
-            rows["hop"].copy(),
-            np.column_stack((rows["x_m"], rows["y_m"])),
+            table.hops(ids),
+            table.rows["place_m"][ids, :2],
             np.isin(ids, self.neighbors.naming(self.node)).astype(np.uint8),
-            rows["cls"] & 1,
+            (table.flags[ids] & CLS_BIT).astype(np.uint8),
         )

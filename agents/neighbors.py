@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from agents.config import RobotConfig
-from world.messages import NOBODY, TICK_S, UNREACHABLE
+from agents.forwarding_table import hop_of
+from world.messages import NOBODY, TICK_S
 
 
 @dataclass(slots=True)
@@ -22,9 +23,19 @@ class Neighbor:
     nms: int = NOBODY
     hold: int = NOBODY
     map_version: int = 0
-    ms_seqno: int = -1
-    ms_hop: int = UNREACHABLE
+    ms_freshness: int = -1
+    """Of its own entry for the MS (agents/forwarding_table.py)."""
     acks: bytes = b""
+
+    @property
+    def ms_seqno(self) -> int:
+        """Sequence number of its entry for the MS; -1 if it has none."""
+        return self.ms_freshness >> 8
+
+    @property
+    def ms_hop(self) -> int:
+        """Its hop count to the MS."""
+        return hop_of(self.ms_freshness)
 
 
 class Neighbors:

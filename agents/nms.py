@@ -46,6 +46,10 @@ class MsRoute:
         """Hop count to the MS."""
         return self._table.hop(STATION)
 
+    @property
+    def _seqno(self) -> int:
+        return int(self._table.freshness[STATION]) >> 8
+
     def step(self, tick: int, rng: random.Random) -> None:
         """Refresh or change the route, after the tick's updates were absorbed and lost neighbors expired."""
         if self._rules.sticky:
@@ -68,14 +72,13 @@ class MsRoute:
     def _refresh(self, tick: int) -> None:
         """Follow the NMS's own entry; while frozen, only when it says that the route is lost."""
         nms = self._neighbors.by_id[self.nms]
-        infinite = nms.ms_hop == UNREACHABLE
-        newer = nms.ms_seqno > self._table.seqno(STATION)
-        if newer and (infinite or tick > self._frozen_until):
+        newer = nms.ms_seqno > self._seqno
+        if newer and (nms.ms_hop == UNREACHABLE or tick > self._frozen_until):
             self._take(nms)
 
     def _take(self, neighbor: Neighbor) -> None:
-        hop = min(neighbor.ms_hop + 1, UNREACHABLE)
-        self._table.set_route(STATION, neighbor.ms_seqno, hop, neighbor.node)
+        finite = neighbor.ms_hop < UNREACHABLE
+        self._table.set_route(STATION, neighbor.ms_freshness - finite, neighbor.node)
 
     def _adopt(self, neighbor: Neighbor | None) -> None:
         if neighbor is not None:
@@ -96,7 +99,7 @@ class MsRoute:
 
     def _any_route(self, tick: int) -> Neighbor | None:
         """Rule a."""
-        seqno = self._table.seqno(STATION)
+        seqno = self._seqno
         offers = [n for n in self._offers(tick, float("inf")) if n.ms_seqno > seqno]
         return min(offers, key=lambda n: (n.distance_m > self.r_in_m, n.ms_hop, n.distance_m), default=None)
 
@@ -109,12 +112,12 @@ class MsRoute:
         if tick > self._frozen_until and rng.random() < self._rules.probe_probability:
             self._frozen_until = tick + self._rules.probe_ticks
         if tick <= self._frozen_until:
-            seqno = self._table.seqno(STATION)
+            seqno = self._seqno
             passed = [n for n in potential if n.ms_seqno > seqno]
             self._adopt(min(passed, key=lambda n: (n.ms_hop, n.distance_m), default=None))
 
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
-        seqno = self._table.seqno(STATION)
+        seqno = self._seqno
         offers = [n for n in self._offers(tick, self._shortcut_m) if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

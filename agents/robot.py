@@ -58,7 +58,7 @@ class Robot:
             self._scan(sense)
         action = self._action = self.policy.step()
         flags = action.cls | action.need << 1
-        body.router.announce_self(tick, *body.at, flags, action.target_m)
+        body.router.announce_self(tick, body.at, flags, action.target_m)
         return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
 
     def _sort(self, inbox: Inbox | None) -> list[Reception]:

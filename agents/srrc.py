@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from agents.config import Classing
 from agents.forwarding_table import ForwardingTable
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls
+from world.messages import NOBODY, Cls
 
 CLS_BIT = 1
-"""The bit of a row's `cls` that holds the class."""
+"""The bit of a row's `flags` that holds the class."""
 
 
 def select_msr(
@@ -35,11 +35,8 @@ def select_msr(
     Returns:
         The MSR's id, or NOBODY if no SR is left after rule 1.
     """
-    ids = table.known
-    rows = table.rows[ids]
-    eligible = ((rows["cls"] & CLS_BIT) == Cls.SR) & (rows["hop"] < UNREACHABLE) & (table.next_hop[ids] != nms)
-    eligible &= (ids != table.node) & (ids != STATION)
-    candidates = ids[eligible].tolist()
+    eligible = searching(table) & (table.next_hop != nms)
+    candidates = np.flatnonzero(eligible).tolist()
     if len(candidates) <= 1:
         return int(candidates[0]) if candidates else NOBODY
     far = {node: distance_to_ms_m(*table.location_m(node)) for node in candidates}
@@ -70,11 +67,13 @@ class Classifier:
         return self.cls
 
 
+def searching(table: ForwardingTable) -> NDArray[np.bool_]:
+    """Of every id, whether it is another node in the network that is an SR."""
+    others = table.reachable() & (table.flags & CLS_BIT == Cls.SR)
+    others[table.node] = False
+    return others
+
+
 def other_targets(table: ForwardingTable) -> NDArray[np.float64]:
     """Announced targets of the other SRs in the table, shape (n, 2), in metres."""
-    ids = table.known
-    rows = table.rows[ids]
-    searching = ((rows["cls"] & CLS_BIT) == Cls.SR) & (rows["hop"] < UNREACHABLE) & (ids != table.node)
-    searching &= ids != STATION
-    chosen = rows[searching]
-    return np.column_stack((chosen["target_x_m"], chosen["target_y_m"])).astype(np.float64)
+    return table.rows["place_m"][searching(table), 2:].astype(np.float64)

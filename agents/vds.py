@@ -90,8 +90,7 @@ class Vds:
         """Keep MSR and target of a relay; if no SR is left, it keeps its last target."""
         self.msr = self.choose_msr()
         if self.msr != NOBODY and self.rules.classing.copy_target:
-            row = self.body.router.table.rows[self.msr]
-            self.target = float(row["target_x_m"]), float(row["target_y_m"])
+            self.target = self.body.router.table.target_m(self.msr)
 
     # -- search --------------------------------------------------------------------------------------------------------
 

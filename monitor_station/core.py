@@ -19,7 +19,7 @@ from monitor_station.config import StationConfig
 from monitor_station.map_merger import MapMerger
 from monitor_station.search_rate import SearchRate
 from monitor_station.view import StationView
-from world.messages import NOBODY, UNREACHABLE, Cls, Report, Sense
+from world.messages import NOBODY, Cls, Report, Sense
 
 _RECORD: Final = struct.Struct("<II")
 """Of the journal: the tick at which a report was merged, and its length."""
@@ -54,7 +54,8 @@ class Station:
         if merged or not sense.first:
             self._changed = self._joined(merged)
         self.router.step(tick, updates)
-        self.router.announce_self(tick, sense.x_m, sense.y_m, Cls.RR, (sense.x_m, sense.y_m))
+        here = sense.x_m, sense.y_m
+        self.router.announce_self(tick, here, Cls.RR, here)
         report = Report(
             tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims))
         )
@@ -113,14 +114,13 @@ class Station:
         """What the operators know after this tick's step."""
         table = self.router.table
         ids = table.known[table.known != self.router.node]
-        rows = table.rows[ids]
         victims = tuple((victim, x, y) for victim, (x, y) in sorted(self.merger.victims.items()))
         return StationView(
             self._tick,
             ids.astype(np.int16),
-            np.column_stack((rows["x_m"], rows["y_m"])),
-            rows["cls"] & CLS_BIT,
-            rows["hop"] < UNREACHABLE,
+            table.rows["place_m"][ids, :2],
+            (table.flags[ids] & CLS_BIT).astype(np.uint8),
+            table.reachable()[ids],
             *self._changed,
             victims,
             self.search.rates,

@@ -1,0 +1,44 @@
+"""A robot as a process: senses and inbox in, frames and motion out."""
+
+from __future__ import annotations
+
+import logging
+
+from agents.config import RobotConfig
+from agents.robot import Robot
+from bus.member import Member, exit_status
+from bus.session import Login
+from medium.messages import Inbox, Transmission
+from world.messages import Sense
+
+__all__ = ["run"]
+
+
+def run(config: RobotConfig, login: Login) -> None:
+    """Run one robot until the run ends.
+
+    A new process is a new incarnation with an empty memory; one that was paused goes on with what it knew.
+
+    Raises:
+        SystemExit: world, medium or router were lost or never there (status 3), or another living process is this
+            robot (status 4).
+    """
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    with exit_status():
+        _run(config, login)
+
+
+def _run(config: RobotConfig, login: Login) -> None:
+    member = Member(login, "robot", config.node, Sense.decode, Inbox.decode)
+    put_table = member.session.publisher(member.session.keys.table(config.node), blocking=False)
+    robot: Robot | None = None
+    while (turn := member.turn()) is not None:
+        sense, inbox = turn
+        if robot is None:
+            robot = Robot(config, sense.incarnation, sense.tick)
+        frames, motion = robot.step(sense, inbox)
+        member.answer(Transmission(sense.tick, config.node, frames).encode(), motion.encode())
+        table = robot.table()
+        if table is not None:
+            put_table(table.encode())
+    member.session.close()
