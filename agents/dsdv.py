@@ -1,8 +1,7 @@
 """DSDV (Perkins & Bhagwat 1994) as every node runs it, the MS too: absorb updates, expire neighbors, advertise.
 
 A destination issues even sequence numbers for itself, here 2 x tick, so that they rise across a restart as well. The
-whole table is broadcast at every tick (paper, III). All updates of a tick are merged at once, so that the order of
-their arrival cannot matter.
+whole table is broadcast at every tick (paper, III). Updates are merged in the order of their senders' ids.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.config import RobotConfig
-from agents.forwarding_table import ForwardingTable, check_rows, freshness_of
-from agents.messages import ROW, Table, Update
+from agents.forwarding_table import ForwardingTable, freshness_of
+from agents.messages import Table, Update
 from agents.neighbors import Neighbors
 from agents.nms import MsRoute
-from agents.srrc import CLS_BIT
 from bus.codec import WireError
 from medium.messages import Reception
 from world.messages import NOBODY, STATION, Cls
@@ -49,58 +47,40 @@ class Router:
         if self.node != STATION:
             self.ms.step(tick, self._rng)
 
-    def _absorb(self, tick: int, receptions: Sequence[Reception]) -> None:
-        updates = [(r, update) for r in receptions if (update := self._decoded(r)) is not None]
-        if not updates:
-            return
-        batch = np.frombuffer(b"".join([update.rows.data for _, update in updates]), ROW)
-        try:
-            check_rows(batch)
-        except WireError:
-            self._absorb(tick, [r for r, update in updates if self._acceptable(update)])
-            return
-        counts = [len(update.rows) for _, update in updates]
-        # Rows ascend by destination, so the entry for the MS, node 0, is the first of a table that has one.
-        heads = batch[np.cumsum([0, *counts[:-1]])]
-        ms_freshness = np.where(heads["dst"] == STATION, heads["freshness"], -1).tolist()
-        for (reception, update), freshness in zip(updates, ms_freshness, strict=True):
-            neighbor = self.neighbors.hear(reception.src, tick, reception.rx_power_dbm)
+    def _absorb(self, tick: int, updates: Sequence[Reception]) -> None:
+        before = self.table.next_hop.copy()
+        for src, power, payload in updates:
+            try:
+                update = Update.decode(payload)
+                ms_freshness = self.table.merge(src, update.rows, before, self._sticky)
+            except WireError:
+                self.bad_frames += 1
+                continue
+            neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
-            neighbor.acks, neighbor.ms_freshness = update.acks, freshness
-        self.table.merge(np.array([r.src for r, _ in updates]), counts, batch, sticky=self._sticky)
+            neighbor.acks = update.acks
+            neighbor.ms_freshness = ms_freshness
 
-    def _decoded(self, reception: Reception) -> Update | None:
-        try:
-            return Update.decode(reception.payload)
-        except WireError:
-            self.bad_frames += 1
-            return None
-
-    def _acceptable(self, update: Update) -> bool:
-        try:
-            check_rows(update.rows)
-        except WireError:
-            self.bad_frames += 1
-            return False
-        return True
-
-    def announce_self(self, tick: int, at_m: tuple[float, float], flags: int, target_m: tuple[float, float]) -> None:
+    def announce_self(
+        self, tick: int, at_m: tuple[float, float], cls: int, target_m: tuple[float, float], *, need: bool = False
+    ) -> None:
         """Renew this node's own entry: a newer even number, where it is, its class and its target."""
         self.table.set_route(self.node, freshness_of(2 * tick, 0), self.node)
-        self.table.set_inherent(self.node, flags, at_m, target_m)
+        self.table.set_inherent(self.node, cls, at_m, target_m, need=need)
 
     def shown(self, tick: int, msr: int) -> Table:
-        """The table with every column of Fig. 2, for the recording."""
+        """Show the table with every column of Fig. 2, for the recording."""
         table = self.table
-        ids = table.known[table.known != self.node]
+        ids = sorted(dst for dst in table.freshness if dst != self.node)
+        inv = self.neighbors.naming(self.node)
         return Table(
             tick,
             self.node,
             msr,
-            ids.astype(np.int16),
-            table.next_hop[ids],
-            table.hops(ids),
-            table.rows["place_m"][ids, :2],
-            np.isin(ids, self.neighbors.naming(self.node)).astype(np.uint8),
-            (table.flags[ids] & CLS_BIT).astype(np.uint8),
+            np.array(ids, np.int16),
+            np.array([table.next_hop[dst] for dst in ids], np.int16),
+            np.array([table.hop(dst) for dst in ids], np.uint8),
+            np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
+            np.array([dst in inv for dst in ids], np.uint8),
+            np.array([table.cls(dst) for dst in ids], np.uint8),
         )

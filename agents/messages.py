@@ -14,13 +14,6 @@ from numpy.typing import NDArray
 from bus.codec import WireError, column, integer, pack, unpack
 from world.messages import MAX_NODE, MAX_TICK, NOBODY, sightings
 
-ROW: Final = np.dtype([("freshness", "<i8"), ("dst", "<u2"), ("flags", "<u2"), ("place_m", "<f4", 4)])
-"""One transmitted row of a forwarding table: DSDV and inherent SRRC elements (paper, Fig. 2), and the target.
-
-`freshness` holds sequence number and hop count (agents/forwarding_table.py), `flags` the class, `place_m` the location
-and the target: x, y, x, y.
-"""
-
 ACK: Final = np.dtype([("robot", "<u2"), ("incarnation", "<u2"), ("number", "<u4")])
 """Highest scan report of a robot's incarnation that the MS has without a gap."""
 
@@ -51,26 +44,23 @@ class Update(NamedTuple):
     """Robot whom the sender asks to yield (policy scout), or NOBODY."""
     map_version: int
     """How many of the MS's map changes the sender holds."""
-    rows: NDArray[np.void]
-    """(n,) of ROW"""
+    rows: bytes
+    """A run of agents.forwarding_table.ROW, checked where it is merged."""
     acks: bytes
     """Raw ACK column that goes with the MS's entry."""
 
     def encode(self) -> bytes:
-        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows.tobytes(), self.acks))
+        return pack((UPDATE, *self))
 
     @classmethod
     def decode(cls, data: bytes) -> Update:
-        """Decode; the rows are checked where they are merged (agents/forwarding_table.py), many at once."""
         _, nms, hold, version, rows, acks = unpack(data, 6)
-        column(acks, ACK)
-        table = column(rows, ROW)
-        if not len(table):
-            raise WireError("a table has at least its sender's own row")
+        if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.itemsize:
+            raise WireError("table and acknowledgements are raw columns")
         integer(nms, NOBODY, MAX_NODE)
         integer(hold, NOBODY, MAX_NODE)
         integer(version, 0, MAX_TICK)
-        return cls(nms, hold, version, table, acks)
+        return cls(nms, hold, version, rows, acks)
 
 
 @dataclass(frozen=True, slots=True)

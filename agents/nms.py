@@ -39,7 +39,7 @@ class MsRoute:
     @property
     def nms(self) -> int:
         """Next hop to the MS, or NOBODY."""
-        return int(self._table.next_hop[STATION])
+        return self._table.next_hop_to(STATION)
 
     @property
     def hops(self) -> int:
@@ -48,7 +48,7 @@ class MsRoute:
 
     @property
     def _seqno(self) -> int:
-        return int(self._table.freshness[STATION]) >> 8
+        return self._table.freshness.get(STATION, -1) >> 8
 
     def step(self, tick: int, rng: random.Random) -> None:
         """Refresh or change the route, after the tick's updates were absorbed and lost neighbors expired."""

@@ -57,8 +57,7 @@ class Robot:
         if sense.ranges_m is not None:
             self._scan(sense)
         action = self._action = self.policy.step()
-        flags = action.cls | action.need << 1
-        body.router.announce_self(tick, body.at, flags, action.target_m)
+        body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
 
     def _sort(self, inbox: Inbox | None) -> list[Reception]:

@@ -9,15 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from agents.config import Classing
 from agents.forwarding_table import ForwardingTable
 from world.messages import NOBODY, Cls
-
-CLS_BIT = 1
-"""The bit of a row's `flags` that holds the class."""
 
 
 def select_msr(
@@ -35,12 +29,11 @@ def select_msr(
     Returns:
         The MSR's id, or NOBODY if no SR is left after rule 1.
     """
-    eligible = searching(table) & (table.next_hop != nms)
-    candidates = np.flatnonzero(eligible).tolist()
+    candidates = [node for node in table.search_robots() if table.next_hop[node] != nms]
     if len(candidates) <= 1:
-        return int(candidates[0]) if candidates else NOBODY
+        return candidates[0] if candidates else NOBODY
     far = {node: distance_to_ms_m(*table.location_m(node)) for node in candidates}
-    best: int = max(candidates, key=lambda node: (far[node], -node))
+    best = max(candidates, key=lambda node: (far[node], -node))
     if present in far and far[best] < far[present] + margin_m:
         return present
     return best
@@ -65,15 +58,3 @@ class Classifier:
             if tick - self._empty_since >= self._rules.sr_after_ticks:
                 self.cls = Cls.SR
         return self.cls
-
-
-def searching(table: ForwardingTable) -> NDArray[np.bool_]:
-    """Of every id, whether it is another node in the network that is an SR."""
-    others = table.reachable() & (table.flags & CLS_BIT == Cls.SR)
-    others[table.node] = False
-    return others
-
-
-def other_targets(table: ForwardingTable) -> NDArray[np.float64]:
-    """Announced targets of the other SRs in the table, shape (n, 2), in metres."""
-    return table.rows["place_m"][searching(table), 2:].astype(np.float64)

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from agents.body import Action, Body, Place
 from agents.explorer import Explorer
-from agents.srrc import Classifier, other_targets, select_msr
+from agents.srrc import Classifier, select_msr
 from agents.walker import Walker
 from world.messages import NOBODY, STATION, Cls, Mode
 
@@ -43,7 +45,7 @@ class Vds:
     @property
     def nmsr(self) -> int:
         """Next hop to the MSR (paper, II-B)."""
-        return int(self.body.router.table.next_hop[self.msr]) if self.msr != NOBODY else NOBODY
+        return self.body.router.table.next_hop_to(self.msr)
 
     def step(self) -> Action:
         """Class, MSR, target, movement: the decision of this tick."""
@@ -97,7 +99,9 @@ class Vds:
     def choose_target(self) -> Place | None:
         """Decision-theoretic choice (paper, II-B); None if there is no frontier."""
         body = self.body
-        chosen = self.explorer.select(body.tick, body.at, other_targets(body.router.table))
+        table = body.router.table
+        others = [table.target_m(node) for node in table.search_robots()]
+        chosen = self.explorer.select(body.tick, body.at, np.array(others).reshape(-1, 2))
         if chosen is None:
             return None
         target, reach = chosen

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from agents.dsdv import Router
 from agents.map_downlink import MapDownlink
 from agents.messages import SCAN_REPORT, UPDATE, ScanReport, Update, kind_of
-from agents.srrc import CLS_BIT
 from bus.codec import WireError
 from medium.messages import BROADCAST, Frame, Inbox, Reception
 from monitor_station.config import StationConfig
@@ -113,14 +112,14 @@ class Station:
     def view(self) -> StationView:
         """What the operators know after this tick's step."""
         table = self.router.table
-        ids = table.known[table.known != self.router.node]
+        ids = sorted(dst for dst in table.freshness if dst != self.router.node)
         victims = tuple((victim, x, y) for victim, (x, y) in sorted(self.merger.victims.items()))
         return StationView(
             self._tick,
-            ids.astype(np.int16),
-            table.rows["place_m"][ids, :2],
-            (table.flags[ids] & CLS_BIT).astype(np.uint8),
-            table.reachable()[ids],
+            np.array(ids, np.int16),
+            np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
+            np.array([table.cls(dst) for dst in ids], np.uint8),
+            np.array([table.next_hop[dst] != NOBODY for dst in ids], np.bool_),
             *self._changed,
             victims,
             self.search.rates,

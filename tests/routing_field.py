@@ -11,7 +11,7 @@ from agents.dsdv import Router
 from agents.messages import Update
 from medium.messages import Reception
 from world.grid import GridGeometry
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls
+from world.messages import NOBODY, STATION, Cls
 
 RADIUS_M = 10.0
 
@@ -89,8 +89,7 @@ class Field:
         self.tick += 1
 
     def next_hop(self, node: int, dst: int) -> int:
-        table = self.routers[node].table
-        return int(table.next_hop[dst]) if dst < len(table.next_hop) else NOBODY
+        return self.routers[node].table.next_hop_to(dst)
 
     def loops(self) -> list[tuple[int, int]]:
         """(node, destination) from which following next hops of present nodes returns to a node."""
@@ -130,5 +129,4 @@ class Field:
         return path
 
     def hop(self, node: int, dst: int) -> int:
-        table = self.routers[node].table
-        return table.hop(dst) if dst < len(table.next_hop) else UNREACHABLE
+        return self.routers[node].table.hop(dst)
