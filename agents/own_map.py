@@ -28,11 +28,12 @@ class OwnMap:
         self._beams = config.lidar_beams
         angles = 2.0 * math.pi * np.arange(config.lidar_beams) / config.lidar_beams
         self._cos, self._sin = np.cos(angles), np.sin(angles)
-        reach = math.ceil(config.lidar_range_m / self.geometry.resolution_m) + 1
-        steps = np.arange(-reach, reach + 1)
+        self._reach = math.ceil(config.lidar_range_m / self.geometry.resolution_m) + 1
+        steps = np.arange(-self._reach, self._reach + 1)
         d_row, d_col = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
         near = np.hypot(d_row, d_col) * self.geometry.resolution_m <= config.lidar_range_m + self.geometry.resolution_m
         self._d_row, self._d_col = d_row[near], d_col[near]
+        self._offsets = self._d_row * self.geometry.cols + self._d_col
         self.cells: NDArray[np.int8] = np.full(self.geometry.size, UNKNOWN, np.int8)
         self.cells[self.geometry.rectangle(*config.safety_zone_m)] = FREE
         self.version = 0
@@ -41,55 +42,72 @@ class OwnMap:
     def integrate(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """Take a scan from a place into the map; returns the cells that changed, ascending, and their new values."""
+        """Take a scan from a place into the map; returns the cells that changed and their new values.
+
+        Raises:
+            ValueError: the scan has not the configured number of beams.
+        """
         if len(ranges_m) != self._beams:
             raise ValueError(f"a scan has {self._beams} ranges, not {len(ranges_m)}")
         free = self._seen_free(x_m, y_m, ranges_m)
-        free = free[self.cells[free] == UNKNOWN]
         hit = self._hit(x_m, y_m, ranges_m)
-        hit = hit[self.cells[hit] != OCCUPIED]
+        if not free.size and not hit.size:
+            return free, self.cells[:0]
         self.cells[free] = FREE
         self.cells[hit] = OCCUPIED
-        changed = np.unique(np.concatenate((free, hit)))
-        if changed.size:
-            self.version += 1
+        self.version += 1
+        changed = np.concatenate((free[self.cells[free] == FREE], hit))
         return changed, self.cells[changed]
 
-    def _seen_free(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        g = self.geometry
-        row, col = divmod(g.index(x_m, y_m), g.cols)
+    def _around(self, index: int) -> NDArray[np.int64]:
+        """The cells within lidar range of a cell."""
+        g, reach = self.geometry, self._reach
+        row, col = divmod(index, g.cols)
+        if reach <= row < g.rows - reach and reach <= col < g.cols - reach:
+            window: NDArray[np.int64] = index + self._offsets
+            return window
         rows, cols = row + self._d_row, col + self._d_col
         inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        rows, cols = rows[inside], cols[inside]
+        cells: NDArray[np.int64] = rows[inside] * g.cols + cols[inside]
+        return cells
+
+    def _seen_free(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Unknown cells that a scan shows to be free."""
+        g = self.geometry
+        around = self._around(g.index(x_m, y_m))
+        cells: NDArray[np.int64] = around[self.cells[around] == UNKNOWN]
+        if not cells.size:
+            return cells
+        rows, cols = np.divmod(cells, g.cols)
         dx = g.x0_m + (cols + 0.5) * g.resolution_m - x_m
         dy = g.y0_m + (rows + 0.5) * g.resolution_m - y_m
         beam = np.rint(np.arctan2(dy, dx) * (self._beams / (2.0 * math.pi))).astype(np.int64) % self._beams
-        seen = np.hypot(dx, dy) < ranges_m[beam]
-        cells: NDArray[np.int64] = rows[seen] * g.cols + cols[seen]
-        return cells
+        seen: NDArray[np.int64] = cells[np.hypot(dx, dy) < ranges_m[beam]]
+        return seen
 
     def _hit(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Cells not yet known as walls that a scan shows to be walls."""
         g = self.geometry
         beam = np.flatnonzero(ranges_m < self._range_m)
         reach = ranges_m[beam] + _INTO_WALL_M
         cols = np.floor((x_m + reach * self._cos[beam] - g.x0_m) / g.resolution_m).astype(np.int64)
         rows = np.floor((y_m + reach * self._sin[beam] - g.y0_m) / g.resolution_m).astype(np.int64)
         inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        return np.unique(rows[inside] * g.cols + cols[inside])
+        met = rows[inside] * g.cols + cols[inside]
+        cells: NDArray[np.int64] = met[self.cells[met] != OCCUPIED]
+        return np.unique(cells) if cells.size else cells
 
-    def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> NDArray[np.int64]:
-        """Merge cells from elsewhere (a cell may occur twice); returns those that changed, ascending.
+    def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+        """Merge cells from elsewhere.
 
         Raises:
             IndexError: a cell lies outside the grid.
         """
-        indices = cells.astype(np.int64)
-        better = values > self.cells[indices]
-        changed = indices[better]
-        np.maximum.at(self.cells, changed, values[better])
-        if changed.size:
+        better = values > self.cells[cells]
+        if better.any():
+            # A cell that occurs twice turned from free to occupied: the last value stays.
+            self.cells[cells[better]] = values[better]
             self.version += 1
-        return np.unique(changed)
 
     def is_frontier(self, index: int) -> bool:
         """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""

@@ -43,10 +43,8 @@ class MapMerger:
         self.merged += 1
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
-        indices = report.cells.astype(np.int64)
-        better = report.values > self.cells[indices]
-        np.maximum.at(self.cells, indices[better], report.values[better])
-        changed = np.unique(indices[better])
+        changed = np.unique(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
+        np.maximum.at(self.cells, report.cells, report.values)
         return changed, self.cells[changed]
 
     def acks(self) -> bytes:

@@ -1,0 +1,30 @@
+"""One robot by hand: `python -m agents --id 4 --connect tcp/HOST:7447 --credentials FILE`."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from setproctitle import setproctitle
+
+from agents.config import RobotConfig
+from agents.process import run
+from bus.command_line import parse, parser
+from bus.handover import build
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run one robot until the run ends."""
+    made = parser("agents", __doc__ or "")
+    made.add_argument("--id", type=int, help="the robot that this is, if the file is not for one already")
+    options, handover = parse(made, arguments)
+    config: RobotConfig = build(RobotConfig, handover.entries["config"])
+    if options.id is not None:
+        config = dataclasses.replace(config, node=options.id)
+    if handover.login.user != f"robot-{config.node}":
+        made.exit(2, f"{made.prog}: the file's login is {handover.login.user}'s, not robot {config.node}'s\n")
+    setproctitle(f"vds robot/{config.node} {handover.login.run}")
+    run(config, handover.login)
+
+
+if __name__ == "__main__":
+    main()
