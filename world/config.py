@@ -66,6 +66,8 @@ class WorldConfig:
     lidar: Lidar = field(default_factory=Lidar)
     pose_noise_m: float = 0.0
     faults: tuple[Fault, ...] = ()
+    cell_names: tuple[str, ...] = ()
+    """Names of the search cells, in the order of the station's search rates; for events only."""
     hang_deadline_s: float = 2.0
     """Wall time after which a silent node is departed as unresponsive."""
     medium_deadline_s: float = 30.0

@@ -29,6 +29,8 @@ UNREACHABLE: Final = 255
 MAX_NODE: Final = 65_534
 MAX_TICK: Final = 2**31 - 1
 
+SIGNALS: Final = ("kill", "stop", "cont", "spawn")
+
 _F8: Final = np.dtype("<f8")
 _I2: Final = np.dtype("<i2")
 _U1: Final = np.dtype("u1")
@@ -249,6 +251,26 @@ class Departed:
     def decode(cls, data: bytes) -> Departed:
         tick, node = unpack(data, 2)
         return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE))
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """What happens to the process of `node` now, because of a scheduled fault or one made by hand."""
+
+    tick: int
+    node: int
+    verb: str
+    """kill | stop | cont | spawn. `spawn` starts a new process at once, so that it is ready when it is due."""
+
+    def encode(self) -> bytes:
+        return pack((self.tick, self.node, self.verb))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Signal:
+        tick, node, verb = unpack(data, 3)
+        if verb not in SIGNALS:
+            raise WireError(f"{verb!r} is not one of {', '.join(SIGNALS)}")
+        return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,221 @@
+"""The tables of a scenario file, and what is wrong with one that does not fit them, in one line.
+
+Where a table is a process's own business, it *is* that process's config dataclass: `[lidar]`, `[radio]`, `[rules]`
+and `[[fault]]` are checked against the bounds that their owners wrote beside the fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le, MinLen
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from agents.config import Policy
+from medium.config import Radio
+from world.config import Fault, Lidar, NotNegative, Positive
+
+__all__ = [
+    "Cell",
+    "Deadlines",
+    "FloorPlan",
+    "ScenarioError",
+    "StationPlace",
+    "Tables",
+    "Victims",
+    "nearest",
+    "validate",
+]
+
+Point: TypeAlias = tuple[float, float]
+Rectangle: TypeAlias = tuple[float, float, float, float]
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one line that names the place and what would be right."""
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """Either free rectangles in solid wall, or a ROS `map_server` map."""
+
+    size_m: tuple[Positive, Positive] | None = None
+    """Width and height; the lower-left corner is the origin."""
+    free: tuple[Rectangle, ...] = ()
+    """x0, y0, x1, y1 of what is carved out of the wall."""
+    walls: tuple[Rectangle, ...] = ()
+    """x0, y0, x1, y1 of what is put back afterwards."""
+    resolution_m: Positive = 0.5
+    map: str | None = None
+    """A map's YAML file, relative to the scenario's folder; instead of all the above."""
+    map_sha256: str | None = None
+    """Refuse the map if its YAML and image have another digest (written when a run stores its scenario)."""
+
+
+@dataclass(frozen=True)
+class StationPlace:
+    """The monitor station and what is known free around it."""
+
+    position_m: Point | None = None
+    """None: the free cell nearest to the middle of the floor plan."""
+    safety_zone_m: Rectangle | None = None
+    """x0, y0, x1, y1; None: the largest square around the station, up to 3 m each way, that holds no wall."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A space whose reconnaissance is measured: the free cells of a rectangle that can be reached from the MS."""
+
+    name: Annotated[str, MinLen(1)]
+    rectangle_m: Rectangle
+    """x0, y0, x1, y1"""
+
+
+@dataclass(frozen=True)
+class Victims:
+    """Who is to be found."""
+
+    per_cell: Annotated[int, Ge(0)] = 3
+    """Seeded places in each search cell, unless positions are given."""
+    positions_m: tuple[Point, ...] = ()
+
+
+@dataclass(frozen=True)
+class Deadlines:
+    """Wall-clock patience, in seconds. None of it shows in a trace as long as nobody exceeds it."""
+
+    hang_s: Positive = 2.0
+    """A node silent for this long is left out."""
+    medium_s: Positive = 30.0
+    """A medium silent for this long fails the run."""
+    return_s: Positive = 30.0
+    """A scheduled restart whose process is not there after this long fails the run."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """A scenario file as it stands, defaults filled in."""
+
+    # Holds for the tables within too.
+    __pydantic_config__ = ConfigDict(allow_inf_nan=False, extra="forbid")
+
+    name: Annotated[str, MinLen(1)]
+    floor_plan: FloorPlan
+    description: str = ""
+    policy: Literal["vds"] = "vds"
+    """Which rules the robots follow."""
+    robots: Annotated[int, Ge(1), Le(1000)] = 9
+    radius_m: Positive = 20.0
+    """r_t"""
+    seed: Annotated[int, Ge(0), Le(2**63 - 1)] = 1
+    duration_s: Annotated[float, Gt(0), Le(1e8)] = 4000.0
+    speed: Literal["max"] | Positive = "max"
+    """Simulated seconds per second of wall time."""
+    pose_noise_m: NotNegative = 0.0
+    """Standard deviation of each coordinate that a robot senses of itself."""
+    station: StationPlace = field(default_factory=StationPlace)
+    cell: tuple[Cell, ...] = ()
+    """Search cells; none: one cell `all` of everything that can be reached."""
+    victims: Victims = field(default_factory=Victims)
+    lidar: Lidar = field(default_factory=Lidar)
+    radio: Radio = field(default_factory=Radio)
+    rules: Policy = field(default_factory=Policy)
+    deadlines: Deadlines = field(default_factory=Deadlines)
+    fault: tuple[Fault, ...] = ()
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """A hint at the known name nearest to a mistaken one, ready to be appended; or what names there are."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+
+
+def validate(raw: Mapping[str, Any]) -> Tables:
+    """Check the raw tables of a scenario, as `tomllib` gives them.
+
+    Raises:
+        ScenarioError: an unknown key, a missing one, or a value out of its bounds.
+    """
+    _refuse_unknown(raw, Tables, ())
+    # In JSON a list may stand for a tuple, so that everything else can be strict: no "9" for 9, no true for 1.
+    text = json.dumps(raw, default=str)
+    try:
+        return _ADAPTER.validate_json(text, strict=True)
+    except ValidationError as error:
+        raise ScenarioError(_first(error, raw)) from None
+
+
+_ADAPTER: TypeAdapter[Tables] = TypeAdapter(Tables)
+
+
+def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
+    """Look for keys that no dataclass has, along the type hints; wrong types are left to pydantic."""
+    kind = _dataclass_in(hint)
+    if kind is None:
+        return
+    if isinstance(raw, list):
+        for i, item in enumerate(raw):
+            _refuse_unknown(item, kind, (*path, i))
+    if not isinstance(raw, Mapping):
+        return
+    hints = get_type_hints(kind, include_extras=True)
+    for key, value in raw.items():
+        if key not in hints:
+            place = f" in [{_dotted(path)}]" if path else ""
+            raise ScenarioError(f"unknown key '{key}'{place}, {nearest(key, list(hints))}")
+        _refuse_unknown(value, hints[key], (*path, key))
+
+
+def _dataclass_in(hint: Any) -> Any:
+    """The dataclass that a hint is, or a tuple or union of it holds."""
+    if dataclasses.is_dataclass(hint):
+        return hint
+    if get_origin(hint) in (tuple, Annotated, typing.Union, types.UnionType):
+        return next((kind for kind in map(_dataclass_in, get_args(hint)) if kind is not None), None)
+    return None
+
+
+def _first(error: ValidationError, raw: Mapping[str, Any]) -> str:
+    """The first mistake that pydantic found, in one line."""
+    errors = error.errors(include_url=False)
+    places = [_place(item["loc"], raw) for item in errors]
+    messages: list[str] = []
+    for item, place in zip(errors, places, strict=True):
+        message = "is missing" if item["type"] == "missing" else item["msg"].replace("Input should", "should")
+        message = message.replace("an object", "a table")
+        if place == places[0] and message not in messages:
+            messages.append(message)
+    what = " or ".join(messages)
+    if errors[0]["type"] == "missing":
+        return f"{_dotted(places[0])} {what}"
+    return f"{_dotted(places[0])} = {_short(errors[0]['input'])}: {what}"
+
+
+def _place(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
+    """The part of pydantic's location that the file has too: it adds the members of a union."""
+    place: list[str | int] = []
+    for part in loc:
+        if isinstance(raw, Mapping) and isinstance(part, str):
+            place.append(part)
+            raw = raw.get(part)
+        elif isinstance(raw, list) and isinstance(part, int):
+            place.append(part)
+            raw = raw[part] if part < len(raw) else None
+    return tuple(place)
+
+
+def _dotted(path: Sequence[str | int]) -> str:
+    text = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in path)
+    return text.removeprefix(".")
+
+
+def _short(value: Any) -> str:
+    text = repr(value).replace("\n", " ")
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,348 @@
+"""Ground truth of a run, tick by tick, and the judge of who takes part, which faults act, and when it ends.
+
+The caller's duty: at every tick wait until `awaited()` is empty, call `begin()`, hand out what it returns, collect the
+motions of the roster and the station's report, and call `end()`. `arrive`, `depart`, `inject`, `interrupt` and `fail`
+may come at any time in between. Whatever is random comes from a generator of the seed, one per purpose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from world.config import Fault, WorldConfig
+from world.events import changes
+from world.faults import check_fault, describe, fault_form, jam_of, resolve, tick_of
+from world.geometry import pad
+from world.messages import (
+    NOBODY,
+    STATION,
+    TICK_S,
+    UNREACHABLE,
+    Event,
+    Jam,
+    Motion,
+    Positions,
+    Report,
+    Sense,
+    Signal,
+    Snapshot,
+    Status,
+    Stop,
+)
+from world.motion import move
+from world.recovery import Recoveries
+from world.roster import Roster
+from world.senses import Purpose, Senses, seeded
+
+__all__ = ["Begin", "End", "World"]
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """What the world hands out at the start of a tick."""
+
+    tick: int
+    senses: dict[int, Sense]
+    """One per node of the roster, ascending."""
+    positions: Positions
+    signals: tuple[Signal, ...]
+    """What the supervisor does to processes now."""
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """What the world says at the end of a tick."""
+
+    snapshot: Snapshot
+    events: tuple[Event, ...]
+    stop: Stop | None
+    """The run ends with this tick."""
+
+
+class World:
+    """The true state of one run."""
+
+    tick: int
+    """The tick that the next `begin()` starts."""
+
+    def __init__(self, config: WorldConfig) -> None:
+        self.tick = 0
+        self._config = config
+        self._walls, self._geometry = pad(config.occupied, config.geometry)
+        self._senses = Senses(config)
+        self._choice = seeded(config.seed, Purpose.CHOICE)
+        self._nodes = np.arange(1, config.robots + 1, dtype=np.int16)
+        self._xy = np.vstack((np.array(config.station_m, np.float64), np.asarray(config.starts_m, np.float64)))
+        self._roster = Roster(config.robots + 1)
+        self._taking_part: list[int] = []
+        """The roster of the tick that has begun."""
+        self._ticking = False
+        self._statuses = [Status()] * config.robots
+        self._made_before = [0] * config.robots
+        """Scan reports that earlier incarnations made."""
+        self._discarded_before = [0] * config.robots
+        self._reported: tuple[tuple[float, ...], int, tuple[int, ...]] = ((), 0, ())
+        """The station's last word: search rates, reports merged, victims found."""
+        self._snapshot = self._photograph(None)
+        self._schedule: dict[int, list[Fault]] = {}
+        for fault in config.faults:
+            self._schedule.setdefault(tick_of(fault.at_s), []).append(fault)
+        self._by_hand: list[Fault] = []
+        self._jams: list[tuple[int, Jam]] = []
+        self._losses: list[tuple[int, float]] = []
+        self._recoveries = Recoveries()
+        self._events: list[Event] = []
+        self._interrupted = False
+        self._status = "failed"
+        self._why = ""
+        self._robot_ticks = self._connected_ticks = self._max_hops = 0
+
+    # Who takes part
+
+    def awaited(self) -> frozenset[int]:
+        """Nodes (0 = station) whose process must be there before `begin()`: at tick 0 all, later those due back now."""
+        return self._roster.awaited(self.tick)
+
+    def arrive(self, node: int, *, new: bool) -> None:
+        """A process is there (new: another incarnation) or answers again; it takes part from the next tick on.
+
+        Raises:
+            ValueError: the node has a living process already.
+        """
+        self._roster.arrive(node, new=new)
+        if new and node != STATION:
+            past = self._statuses[node - 1]
+            self._made_before[node - 1] += past.reports_made
+            self._discarded_before[node - 1] += past.reports_discarded
+            self._statuses[node - 1] = Status()
+
+    def depart(self, node: int, cause: str, *, counted: bool) -> None:
+        """A node left that nobody sent away: it "died", is "unresponsive", or ended by an "exception".
+
+        Args:
+            node: who.
+            cause: why.
+            counted: its frames and motion of the tick that has begun still counted.
+        """
+        since = self.tick + (1 if counted and self._ticking else 0)
+        entry = self._roster.depart(node, since, process=cause == "unresponsive")
+        if entry is None:
+            return
+        took = "its last tick counted" if counted else "its last tick did not count"
+        self._log(node, f"{_name(node)}: {cause}; {took}", fault_form(entry))
+        self._recoveries.begin(entry, node, since, self._snapshot)
+
+    def inject(self, fault: Fault) -> None:
+        """A fault by hand: it acts at the next `begin()`, whatever its own time says.
+
+        Raises:
+            ValueError: it names no robot of this run, or is wrong in itself; one line.
+        """
+        check_fault(fault, self._config.robots)
+        self._by_hand.append(fault)
+
+    # A tick
+
+    def begin(self) -> Begin:
+        """Start a tick: returns, then faults, then what everybody senses.
+
+        Raises:
+            RuntimeError: the tick before has not ended, or somebody is awaited.
+        """
+        awaited = self.awaited()
+        if self._ticking or awaited:
+            raise RuntimeError(f"tick {self.tick} cannot begin: begun {self._ticking}, awaited {sorted(awaited)}")
+        tick = self.tick
+        signals = self._admit(tick)
+        signals += self._act(tick)
+        self._ticking = True
+        self._taking_part = self._roster.nodes()
+        present = np.array(self._taking_part, np.int16)
+        return Begin(
+            tick,
+            self._senses.at(tick, self._taking_part, self._xy, self._roster),
+            Positions(tick, present, self._xy[present], self._jams_of(tick), self._loss_of(tick)),
+            tuple(signals),
+        )
+
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:
+        """End the tick: move everybody, judge, and say whether the run is over.
+
+        Args:
+            motions: of every robot that took part and has not departed since; of those that departed, if it counted.
+            report: the station's, or None while it is away.
+
+        Raises:
+            RuntimeError: no tick has begun, or the motion of a robot that takes part is missing.
+        """
+        missing = [n for n in self._taking_part if n != STATION and n not in motions and self._roster.present(n)]
+        if not self._ticking or missing:
+            raise RuntimeError(f"tick {self.tick} cannot end: begun {self._ticking}, motions missing of {missing}")
+        for node in self._taking_part:
+            if node in motions:
+                self._statuses[node - 1] = motions[node].status
+        before, self._snapshot = self._snapshot, self._photograph(report)
+        self._count()
+        self._recoveries.update(before, self._snapshot, station_present=self._roster.present(STATION))
+        events = (*self._events, *changes(before, self._snapshot, self._config.cell_names))
+        self._events = []
+        self._move(motions)
+        stop = self._judge(report)
+        self._ticking = False
+        self.tick += 1
+        return End(self._snapshot, events, stop)
+
+    def interrupt(self) -> None:
+        """Let the run end with this or the next tick."""
+        self._interrupted = True
+
+    def fail(self, why: str) -> Stop:
+        """End the run as failed, now."""
+        self._status, self._why = "failed", why
+        return Stop(self.tick, "failed")
+
+    def final(self) -> dict[str, Any]:
+        """The world's part of the summary; `faults` is what acted, in the form that a scenario accepts."""
+        statuses = self._statuses
+        present = [s for node, s in enumerate(statuses, 1) if self._roster.present(node)]
+        summary: dict[str, Any] = {
+            "status": self._status,
+            "ticks": self.tick,
+            "connected_fraction": self._connected_ticks / self._robot_ticks if self._robot_ticks else 0.0,
+            "max_hops": self._max_hops,
+            "scan_reports": {
+                "made": sum(self._made_before) + sum(s.reports_made for s in statuses),
+                "buffered": sum(s.reports_buffered for s in present),
+                "discarded": sum(self._discarded_before) + sum(s.reports_discarded for s in statuses),
+            },
+            "faults": [fault_form(fault) for fault in self._roster.faults],
+            "wall_clock_faults": self._roster.unscheduled,
+            "recoveries": self._recoveries.verdicts(),
+        }
+        if self._why:
+            summary["why"] = self._why
+        return summary
+
+    # Faults
+
+    def _admit(self, tick: int) -> list[Signal]:
+        joined, signals = self._roster.admit(tick)
+        for node, entry in joined:
+            if entry is not None:
+                self._recoveries.replace(entry.was, entry.now)
+            if tick > 0:
+                self._log(node, f"{_name(node)} is back", {} if entry is None else fault_form(entry.now))
+        return signals
+
+    def _act(self, tick: int) -> list[Signal]:
+        signals: list[Signal] = []
+        for fault in self._schedule.pop(tick, ()):
+            signals += self._carry_out(fault, tick)
+        by_hand, self._by_hand = self._by_hand, []
+        for fault in by_hand:
+            self._roster.unscheduled += 1
+            signals += self._carry_out(fault, tick)
+        return signals
+
+    def _carry_out(self, fault: Fault, tick: int) -> tuple[Signal, ...]:
+        fault = Fault(fault.verb, round(tick * TICK_S, 1), fault.target, fault.for_s, fault.probability)
+        if fault.verb in ("jam", "loss"):
+            until = tick + tick_of(fault.for_s or 0.0)
+            if fault.verb == "jam":
+                self._jams.append((until, jam_of(fault.target)))
+            else:
+                self._losses.append((until, fault.probability))
+            self._roster.faults.append(fault)
+            self._log(NOBODY, describe(fault), fault_form(fault))
+            self._recoveries.begin(fault, NOBODY, tick, self._snapshot)
+            return ()
+        node = resolve(fault.target, self._snapshot, self._config.station_m, self._choice)
+        if node is None:
+            self._log(NOBODY, f"{describe(fault)}: nobody is {fault.target}, nothing done", {})
+            return ()
+        signals = self._roster.act(fault, node, tick)
+        if not signals:
+            self._log(node, f"{describe(fault)}: {_name(node)} is away already, nothing done", {})
+            return ()
+        acted = self._roster.faults[-1]
+        self._log(node, f"{describe(fault)} ({_name(node)})", fault_form(acted))
+        self._recoveries.begin(acted, node, tick, self._snapshot)
+        return signals
+
+    def _jams_of(self, tick: int) -> tuple[Jam, ...]:
+        self._jams = [(until, jam) for until, jam in self._jams if tick < until]
+        return tuple(jam for _, jam in self._jams)
+
+    def _loss_of(self, tick: int) -> float:
+        self._losses = [(until, loss) for until, loss in self._losses if tick < until]
+        return 1.0 - math.prod(1.0 - loss for _, loss in self._losses) if self._losses else 0.0
+
+    def _log(self, node: int, text: str, data: dict[str, Any]) -> None:
+        self._events.append(Event(self.tick, "fault", node, text, data))
+
+    # The end of a tick
+
+    def _move(self, motions: Mapping[int, Motion]) -> None:
+        velocity = np.zeros_like(self._xy)
+        for node in self._taking_part:
+            if node in motions:
+                velocity[node] = (motions[node].vx_m_s, motions[node].vy_m_s)
+        self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocity[1:], self._config.top_speed_m_s)
+
+    def _photograph(self, report: Report | None) -> Snapshot:
+        """The snapshot of this tick; one who is away shows no route, and else its last status."""
+        statuses = self._statuses
+        present = [self._roster.present(node) for node in range(1, len(statuses) + 1)]
+        routed = [status if here else _AWAY for status, here in zip(statuses, present, strict=True)]
+        columns = np.array(
+            [(s.cls, s.mode, r.hops, r.nms, r.msr) for s, r in zip(statuses, routed, strict=True)], np.int16
+        ).T
+        cls, mode, hops = columns[:3].astype(np.uint8)
+        nms, msr = columns[3:].copy()
+        if report is not None:
+            self._reported = (report.search_rate, report.merged, report.victims_found)
+        return Snapshot(
+            self.tick,
+            self._nodes,
+            np.array(present, np.uint8),
+            self._xy[1:].copy(),
+            cls,
+            mode,
+            hops,
+            nms,
+            msr,
+            np.array([(s.target_x_m, s.target_y_m) for s in statuses], np.float64),
+            sum(s.reports_buffered for s in routed),
+            *self._reported,
+        )
+
+    def _count(self) -> None:
+        hops = self._snapshot.hops[self._snapshot.present == 1]
+        finite = hops[hops != UNREACHABLE]
+        self._robot_ticks += len(hops)
+        self._connected_ticks += len(finite)
+        if len(finite):
+            self._max_hops = max(self._max_hops, int(finite.max()))
+
+    def _judge(self, report: Report | None) -> Stop | None:
+        if report is not None and report.searched:
+            self._status = "searched"
+        elif self._interrupted:
+            self._status = "interrupted"
+        elif self.tick + 1 >= tick_of(self._config.duration_s):
+            self._status = "time_limit"
+        else:
+            return None
+        return Stop(self.tick, self._status)
+
+
+_AWAY = Status()
+
+
+def _name(node: int) -> str:
+    return f"robot {node}" if node else "station"

@@ -1,0 +1,68 @@
+"""What is worth telling about a tick: differences between consecutive snapshots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Snapshot
+
+__all__ = ["changes"]
+
+
+def changes(before: Snapshot, after: Snapshot, cell_names: tuple[str, ...] = ()) -> tuple[Event, ...]:
+    """Events between two snapshots, by kind, then by node: roles, links lost and recovered, victims, the mission.
+
+    Robots that joined or left in between are the business of fault events.
+    """
+    events: list[Event] = []
+    stayed = (before.present & after.present).astype(bool)
+    if not np.array_equal(before.cls, after.cls):
+        events += _roles(before, after, stayed)
+    if not np.array_equal(before.hops, after.hops):
+        events += _links(before, after, stayed)
+    if before.victims_found != after.victims_found:
+        known = set(before.victims_found)
+        events += [
+            Event(after.tick, "victim", STATION, f"victim {victim} is reported to the MS", {"victim": victim})
+            for victim in after.victims_found
+            if victim not in known
+        ]
+    if before.search_rate != after.search_rate:
+        events += _mission(before, after, cell_names)
+    return tuple(events)
+
+
+def _roles(before: Snapshot, after: Snapshot, stayed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[Event]:
+    changed = np.flatnonzero((before.cls != after.cls) & stayed)
+    return [
+        Event(after.tick, "role", robot, f"robot {robot} is now {name}", {"cls": name})
+        for robot, name in ((int(after.nodes[i]), Cls(int(after.cls[i])).name) for i in changed)
+    ]
+
+
+def _links(before: Snapshot, after: Snapshot, stayed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[Event]:
+    had, has = before.hops != UNREACHABLE, after.hops != UNREACHABLE
+    events = []
+    for i in np.flatnonzero((had != has) & stayed):
+        robot = int(after.nodes[i])
+        if has[i]:
+            hops, nms = int(after.hops[i]), int(after.nms[i])
+            where = "the MS" if nms == STATION else f"robot {nms}" if nms != NOBODY else "nobody"
+            text = f"robot {robot} has a route to the MS via {where}, hops: {hops}"
+            events.append(Event(after.tick, "link", robot, text, {"recovered": True, "nms": nms, "hops": hops}))
+        else:
+            text = f"robot {robot} lost its route to the MS"
+            events.append(Event(after.tick, "link", robot, text, {"recovered": False}))
+    return events
+
+
+def _mission(before: Snapshot, after: Snapshot, cell_names: tuple[str, ...]) -> list[Event]:
+    old = before.search_rate or (0.0,) * len(after.search_rate)
+    events = []
+    for i, rate in enumerate(after.search_rate):
+        if rate >= 1.0 and (i >= len(old) or old[i] < 1.0):
+            name = cell_names[i] if i < len(cell_names) else str(i + 1)
+            events.append(Event(after.tick, "mission", STATION, f"cell {name} is searched", {"cell": name}))
+    if events and min(after.search_rate) >= 1.0:
+        events.append(Event(after.tick, "mission", STATION, "all cells are searched", {"cell": "all"}))
+    return events

@@ -1,0 +1,210 @@
+"""Faults: how they are written, what is wrong with one, and whom a role means at that moment."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any, Final, get_args
+
+import numpy as np
+
+from world.config import Fault, Verb
+from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Cls, Jam, Snapshot
+
+__all__ = ["chain_to_station", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve", "tick_of"]
+
+VERBS: Final = get_args(Verb)
+LASTING: Final = ("restart", "pause", "jam", "loss")
+"""Verbs that need a duration."""
+
+ROLES: Final = "a robot id, station, relay:mid, relay:first, nms-of:ID, sr:far or random"
+FORM: Final = "VERB:TARGET@T or VERB:TARGET@T+D, such as kill:relay:mid@90 or pause:4@60+5"
+
+_NUMBER: Final = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?"
+_TIMES: Final = re.compile(rf"({_NUMBER})(?:\+({_NUMBER}))?")
+
+
+def tick_of(at_s: float) -> int:
+    """The tick at which simulated time `at_s` falls."""
+    return round(at_s / TICK_S)
+
+
+def parse_fault(text: str) -> Fault:
+    """Read the command line's form of a fault.
+
+    Raises:
+        ValueError: one line that says what is wrong.
+    """
+    verb, colon, rest = text.partition(":")
+    target, at, times = rest.rpartition("@")
+    if not colon or not at:
+        raise ValueError(f"fault '{text}': expected {FORM}")
+    found = _TIMES.fullmatch(times)
+    if found is None:
+        raise ValueError(f"fault '{text}': '{times}' is not a time in seconds such as 60 or 60+5")
+    at_s, for_s = float(found[1]), None if found[2] is None else float(found[2])
+    probability = 0.0
+    if verb == "loss":
+        try:
+            probability, target = float(target), ""
+        except ValueError:
+            raise ValueError(f"fault '{text}': '{target}' is not a probability, as in loss:0.3@50+10") from None
+    fault = Fault(verb, at_s, target, for_s, probability)  # type: ignore[arg-type]
+    try:
+        check_fault(fault)
+    except ValueError as error:
+        raise ValueError(f"fault '{text}': {error}") from None
+    return fault
+
+
+def check_fault(fault: Fault, robots: int | None = None, duration_s: float | None = None) -> None:
+    """Check a fault by itself, and against the run where that is given.
+
+    Raises:
+        ValueError: one line that says what is wrong.
+    """
+    if fault.verb not in VERBS:
+        raise ValueError(f"unknown verb '{fault.verb}', expected one of {', '.join(VERBS)}")
+    if not (math.isfinite(fault.at_s) and fault.at_s >= 0):
+        raise ValueError(f"at_s = {fault.at_s} is not a time")
+    if duration_s is not None and fault.at_s >= duration_s:
+        raise ValueError(f"at_s = {fault.at_s:g} is not within the run's duration_s = {duration_s:g}")
+    _check_duration(fault)
+    if fault.verb == "loss":
+        if not 0 < fault.probability <= 1:
+            raise ValueError(f"loss needs a probability above 0 and at most 1, not {fault.probability:g}")
+    elif fault.probability:
+        raise ValueError(f"probability belongs to loss, not to {fault.verb}")
+    if fault.verb == "loss":
+        if fault.target:
+            raise ValueError(f"loss has no target, but a probability: '{fault.target}'")
+    elif fault.verb == "jam":
+        _check_jam(fault.target, robots)
+    else:
+        _check_target(fault.target, robots)
+
+
+def _check_duration(fault: Fault) -> None:
+    if fault.verb == "kill":
+        if fault.for_s is not None:
+            raise ValueError("kill is for good and takes no duration; use restart or pause")
+    elif fault.for_s is None:
+        raise ValueError(f"{fault.verb} needs a duration (for_s, or +D)")
+    elif not (math.isfinite(fault.for_s) and tick_of(fault.for_s) >= 1):
+        raise ValueError(f"for_s = {fault.for_s:g} is shorter than a tick of {TICK_S} s")
+
+
+def _check_target(target: str, robots: int | None) -> None:
+    if target in ("station", "relay:mid", "relay:first", "sr:far", "random"):
+        return
+    number = target.removeprefix("nms-of:")
+    if not (number.isascii() and number.isdigit()) or int(number) < 1:
+        raise ValueError(f"unknown target '{target}', expected {ROLES}")
+    if robots is not None and int(number) > robots:
+        raise ValueError(f"target '{target}': there are only robots 1 to {robots}")
+
+
+def _check_jam(target: str, robots: int | None) -> None:
+    jam = jam_of(target)
+    if jam.pair is not None and robots is not None and max(jam.pair) > robots:
+        raise ValueError(f"target '{target}': there are only nodes 0 (the station) to {robots}")
+
+
+def jam_of(target: str) -> Jam:
+    """The jam that "a,b" (a pair of nodes) or "x0,y0,x1,y1" (a region in metres) stands for.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    wrong = f"jam target '{target}' is neither a pair such as 3,4 nor a region x0,y0,x1,y1"
+    parts = [part.strip() for part in target.split(",")]
+    if len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts):
+        a, b = int(parts[0]), int(parts[1])
+        if a == b:
+            raise ValueError(f"jam target '{target}' names one node twice")
+        return Jam(pair=(a, b))
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        raise ValueError(wrong) from None
+    if len(values) != 4 or not all(map(math.isfinite, values)):
+        raise ValueError(wrong)
+    x0, y0, x1, y1 = values
+    if x0 >= x1 or y0 >= y1:
+        raise ValueError(f"jam target '{target}': a region needs x0 < x1 and y0 < y1")
+    return Jam(region_m=(x0, y0, x1, y1))
+
+
+def fault_form(fault: Fault) -> dict[str, Any]:
+    """The fault as a scenario's [[fault]] has it: only what is set, JSON and TOML types."""
+    kept: dict[str, Any] = {"verb": fault.verb, "at_s": fault.at_s}
+    if fault.target:
+        kept["target"] = fault.target
+    if fault.for_s is not None:
+        kept["for_s"] = fault.for_s
+    if fault.probability:
+        kept["probability"] = fault.probability
+    return kept
+
+
+def describe(fault: Fault) -> str:
+    """The fault as the command line has it."""
+    what = f"{fault.probability:g}" if fault.verb == "loss" else fault.target
+    lasting = "" if fault.for_s is None else f"+{fault.for_s:g}"
+    return f"{fault.verb}:{what}@{fault.at_s:g}{lasting}"
+
+
+def chain_to_station(robot: int, snapshot: Snapshot) -> list[int]:
+    """Nodes from `robot` to the MS along NMS pointers, both included; empty if the pointers do not lead there.
+
+    Only robots that are present count, and the MS itself, whatever its state.
+    """
+    nms, present = snapshot.nms, snapshot.present
+    chain: list[int] = []
+    node = robot
+    while node != STATION:
+        if node == NOBODY or len(chain) > len(nms) or not present[node - 1]:
+            return []
+        chain.append(node)
+        node = int(nms[node - 1])
+    chain.append(STATION)
+    return chain
+
+
+def resolve(
+    target: str, snapshot: Snapshot, station_m: tuple[float, float], generator: np.random.Generator
+) -> int | None:
+    """The node that a target means at this moment, or None if nobody has that role.
+
+    `relay:mid` and `relay:first` follow the NMS pointers from the search robot with the most hops whose pointers
+    reach the MS; the first relay is the one next to the MS. `nms-of:7` is a robot: None while 7 hears the MS itself.
+    """
+    present = snapshot.nodes[snapshot.present.astype(bool)]
+    if target == "station":
+        return STATION
+    if target == "random":
+        return int(generator.choice(present)) if len(present) else None
+    if target == "sr:far":
+        ranked = _search_robots(snapshot, station_m)
+        return ranked[0] if ranked else None
+    if target.startswith("relay:"):
+        for robot in _search_robots(snapshot, station_m):
+            relays = chain_to_station(robot, snapshot)[1:-1]
+            if relays:
+                return relays[-1] if target == "relay:first" else relays[len(relays) // 2]
+        return None
+    if target.startswith("nms-of:"):
+        robot = int(target.removeprefix("nms-of:"))
+        if robot not in present:
+            return None
+        nms = int(snapshot.nms[robot - 1])
+        return nms if nms in present else None
+    return int(target)
+
+
+def _search_robots(snapshot: Snapshot, station_m: tuple[float, float]) -> list[int]:
+    """Search robots with a route: most hops first, then farthest from the MS, then by id."""
+    chosen = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & (snapshot.hops != UNREACHABLE)
+    distance = np.hypot(*(snapshot.xy_m - station_m).T)
+    order = np.lexsort((snapshot.nodes, -distance, -snapshot.hops.astype(np.int64)))
+    return [int(snapshot.nodes[i]) for i in order if chosen[i]]

@@ -1,0 +1,66 @@
+"""How robots move: straight, no faster than they can, and never into a wall."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from world.geometry import walls_crossed
+from world.grid import GridGeometry
+from world.messages import TICK_S
+
+__all__ = ["move"]
+
+
+def move(
+    walls: NDArray[np.bool_],
+    geometry: GridGeometry,
+    xy_m: NDArray[np.float64],
+    velocity_m_s: NDArray[np.float64],
+    top_speed_m_s: float,
+) -> NDArray[np.float64]:
+    """Where robots are a tick later; one that a wall stops slides along x, else along y, else stays.
+
+    Args:
+        walls: (rows, cols), with a closed frame of walls.
+        geometry: of `walls`.
+        xy_m: (n, 2) places, each in a free cell.
+        velocity_m_s: (n, 2) wanted.
+        top_speed_m_s: longer velocities are shortened to this.
+
+    Returns:
+        (n, 2) places, each in a free cell, reached without crossing a wall.
+    """
+    speed = np.sqrt((velocity_m_s * velocity_m_s).sum(axis=1))
+    fast = speed > top_speed_m_s
+    step = velocity_m_s * TICK_S
+    if fast.any():
+        step[fast] *= (top_speed_m_s / speed[fast])[:, None]
+    wanted = xy_m + step
+    cells = _cells(geometry, np.stack((xy_m, wanted)))
+    leaving = np.flatnonzero((cells[0] != cells[1]).any(axis=1))
+    if len(leaving):
+        stopped = leaving[_blocked(walls, geometry, xy_m[leaving], wanted[leaving])]
+        for axis in (1, 0):
+            if len(stopped):
+                wanted[stopped] = xy_m[stopped] + step[stopped]
+                wanted[stopped, axis] = xy_m[stopped, axis]
+                stopped = stopped[_blocked(walls, geometry, xy_m[stopped], wanted[stopped])]
+        wanted[stopped] = xy_m[stopped]
+    return wanted
+
+
+def _cells(geometry: GridGeometry, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(..., 2) column and row, by the same arithmetic as `walls_crossed`, so that the two never disagree."""
+    return np.floor((xy_m - (geometry.x0_m, geometry.y0_m)) / geometry.resolution_m).astype(np.int64)
+
+
+def _blocked(
+    walls: NDArray[np.bool_], geometry: GridGeometry, a_xy: NDArray[np.float64], b_xy: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(n,) whether a wall lies between a, which is free, and b."""
+    there = _cells(geometry, b_xy)
+    away = np.abs(there - _cells(geometry, a_xy)).sum(axis=1)
+    if away.max() <= 1:  # into a cell beside the own one: nothing else can lie between
+        return walls[there[:, 1], there[:, 0]]
+    return walls_crossed(walls, geometry, a_xy, b_xy) > 0

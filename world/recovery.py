@@ -1,0 +1,164 @@
+"""The verdict on every fault: whom it cut off from the MS, when they noticed, and when they had a route again.
+
+Orphans of a fault are the living robots whose path to the MS, by the NMS pointers at that moment, went through what
+failed. An orphan *notices* when its hop count becomes infinite or its NMS changes. It has a route *again* when its
+hop count is finite and the pointers lead over nodes that are present, and over no jammed link, to the MS.
+`loss` has no place, so its orphans are the robots that lose their route while it lasts.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Any
+
+from world.config import Fault
+from world.faults import chain_to_station, jam_of, tick_of
+from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Jam, Snapshot
+
+__all__ = ["Recoveries"]
+
+
+@dataclass(slots=True)
+class _Orphan:
+    nms: int
+    """At the fault."""
+    detected_tick: int | None = None
+    recovered_tick: int | None = None
+    departed: bool = False
+    ticks_without_path: int = 0
+
+    @property
+    def settled(self) -> bool:
+        return self.departed or self.recovered_tick is not None
+
+
+@dataclass(slots=True)
+class _Watch:
+    fault: Fault
+    node: int
+    tick: int
+    jam: Jam | None
+    until_tick: int
+    """A jam cuts and a loss makes orphans before this tick."""
+    orphans: dict[int, _Orphan] = field(default_factory=dict)
+
+    def open(self, tick: int) -> bool:
+        return (self.fault.verb == "loss" and tick < self.until_tick) or any(
+            not orphan.settled for orphan in self.orphans.values()
+        )
+
+
+class Recoveries:
+    """Watches the orphans of every fault of a run."""
+
+    def __init__(self) -> None:
+        self._watches: list[_Watch] = []
+        self._open: list[_Watch] = []
+
+    def begin(self, fault: Fault, node: int, tick: int, before: Snapshot) -> None:
+        """A fault acts from `tick` on; `before` is the last snapshot without it; `node` is NOBODY for jam and loss."""
+        until = tick + tick_of(fault.for_s or 0.0)
+        jam = jam_of(fault.target) if fault.verb == "jam" else None
+        watch = _Watch(fault, node, tick, jam, until)
+        for robot in before.nodes.tolist():
+            chain = chain_to_station(robot, before)
+            cut = node in chain[1:] if jam is None else _jammed(chain, jam, before)
+            if cut and before.hops[robot - 1] != UNREACHABLE:
+                watch.orphans[robot] = _Orphan(int(before.nms[robot - 1]))
+        self._watches.append(watch)
+        self._open.append(watch)
+
+    def replace(self, old: Fault, new: Fault) -> None:
+        """The log now knows how an unscheduled departure ended (`kill` became `restart` or `pause`)."""
+        for watch in self._watches:
+            if watch.fault == old:
+                watch.fault = new
+
+    def update(self, before: Snapshot, snapshot: Snapshot, *, station_present: bool) -> None:
+        """Follow all open watches through a tick; `before` is the snapshot of the tick before."""
+        if not self._open:
+            return
+        tick = snapshot.tick
+        for watch in self._open:
+            if watch.fault.verb == "loss" and tick < watch.until_tick:
+                self._add_losers(watch, before, snapshot)
+            for robot, orphan in watch.orphans.items():
+                if not orphan.settled and tick >= watch.tick:
+                    self._follow(watch, robot, orphan, snapshot, station_present)
+        self._open = [watch for watch in self._open if watch.open(tick + 1)]
+
+    @staticmethod
+    def _add_losers(watch: _Watch, before: Snapshot, snapshot: Snapshot) -> None:
+        for robot in snapshot.nodes.tolist():
+            i = robot - 1
+            lost = before.hops[i] != UNREACHABLE and snapshot.hops[i] == UNREACHABLE
+            if lost and snapshot.present[i] and robot not in watch.orphans:
+                watch.orphans[robot] = _Orphan(int(before.nms[i]), detected_tick=snapshot.tick)
+
+    @staticmethod
+    def _follow(watch: _Watch, robot: int, orphan: _Orphan, snapshot: Snapshot, station_present: bool) -> None:
+        i, tick = robot - 1, snapshot.tick
+        if not snapshot.present[i]:
+            orphan.departed = True
+            return
+        finite = snapshot.hops[i] != UNREACHABLE
+        if orphan.detected_tick is None and not (finite and snapshot.nms[i] == orphan.nms):
+            orphan.detected_tick = tick
+        chain = chain_to_station(robot, snapshot) if finite and station_present else []
+        if chain and not (watch.jam is not None and tick < watch.until_tick and _jammed(chain, watch.jam, snapshot)):
+            orphan.recovered_tick = tick
+        else:
+            orphan.ticks_without_path += 1
+
+    def verdicts(self) -> list[dict[str, Any]]:
+        """One entry per fault, in order; `at_s` is simulated time, `detected_s` and `recovered_s` count from there.
+
+        `recovered_s` is that of the last orphan, null unless all who lived on recovered.
+        """
+        return [_verdict(watch) for watch in self._watches]
+
+
+def _verdict(watch: _Watch) -> dict[str, Any]:
+    orphans = watch.orphans
+    living = [orphan for orphan in orphans.values() if not orphan.departed]
+    back = [orphan.recovered_tick for orphan in living if orphan.recovered_tick is not None]
+    recovered: bool | str = "not affected"
+    if orphans:
+        recovered = bool(living) and len(back) == len(living)
+    noticed = [orphan.detected_tick for orphan in orphans.values() if orphan.detected_tick is not None]
+    return {
+        "robot": None if watch.node == NOBODY else watch.node,
+        "at_s": watch.fault.at_s,
+        "kind": watch.fault.verb,
+        "target": watch.fault.target,
+        "orphaned": list(orphans),
+        "detected_s": _since(watch, min(noticed, default=None)),
+        "recovered_s": _since(watch, max(back)) if recovered is True else None,
+        "recovered": recovered,
+        "robot_seconds_without_path": round(sum(o.ticks_without_path for o in orphans.values()) * TICK_S, 1),
+        "orphans": [
+            {
+                "robot": robot,
+                "detected_s": _since(watch, orphan.detected_tick),
+                "recovered_s": _since(watch, orphan.recovered_tick),
+                "departed": orphan.departed,
+            }
+            for robot, orphan in orphans.items()
+        ],
+    }
+
+
+def _since(watch: _Watch, tick: int | None) -> float | None:
+    return None if tick is None else round((tick - watch.tick) * TICK_S, 1)
+
+
+def _jammed(chain: list[int], jam: Jam, snapshot: Snapshot) -> bool:
+    """Whether a node of the chain cannot hear its NMS."""
+    if jam.pair is not None:
+        return any({a, b} == set(jam.pair) for a, b in itertools.pairwise(chain))
+    if jam.region_m is None:
+        return False
+    x0, y0, x1, y1 = jam.region_m
+    places = (snapshot.xy_m[node - 1] for node in chain if node != STATION)
+    return any(x0 <= x <= x1 and y0 <= y <= y1 for x, y in places)

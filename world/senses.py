@@ -1,0 +1,93 @@
+"""What nodes sense: their pose, and at their turns a lidar scan and the victims in sight."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from world.config import WorldConfig
+from world.geometry import pad, walls_crossed
+from world.lidar import Caster
+from world.messages import STATION, Sense
+from world.roster import Roster
+
+__all__ = ["Purpose", "Senses", "seeded"]
+
+Sightings: TypeAlias = tuple[tuple[int, float, float], ...]
+"""(victim id, x, y) of each"""
+
+
+class Purpose(IntEnum):
+    """What the world draws random numbers for; each purpose has a generator of its own."""
+
+    LIDAR = 0
+    POSE = 1
+    CHOICE = 2
+    """Whom a fault with target `random` hits."""
+
+
+def seeded(seed: int, purpose: Purpose) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(purpose)])))
+
+
+class Senses:
+    """The sensors of all nodes of a run."""
+
+    def __init__(self, config: WorldConfig) -> None:
+        self._lidar = config.lidar
+        self._pose_noise_m = config.pose_noise_m
+        self._caster = Caster(config.occupied, config.geometry, config.lidar.beams, config.lidar.range_m)
+        self._walls, self._geometry = pad(config.occupied, config.geometry)
+        self._victims = np.asarray(config.victims_m, np.float64).reshape(-1, 2)
+        self._lidar_noise = seeded(config.seed, Purpose.LIDAR)
+        self._pose_noise = seeded(config.seed, Purpose.POSE)
+
+    def at(self, tick: int, nodes: list[int], xy_m: NDArray[np.float64], roster: Roster) -> dict[int, Sense]:
+        """Senses of `nodes`, ascending; `xy_m` is (robots + 1, 2), where everybody truly is.
+
+        A robot scans at its first tick and whenever (tick + node) is a multiple of the lidar's interval.
+        """
+        poses = xy_m
+        if self._pose_noise_m > 0:
+            poses = poses + self._pose_noise.normal(0.0, self._pose_noise_m, poses.shape)
+            poses[STATION] = xy_m[STATION]
+        places = poses.tolist()
+        interval = self._lidar.interval_ticks
+        due = [n for n in nodes if n != STATION and ((tick + n) % interval == 0 or roster.first(n))]
+        victims = self._victims_seen(due, xy_m)
+        senses = {}
+        for node in nodes:
+            x, y = places[node]
+            first, incarnation = roster.first(node), roster.incarnation(node)
+            if node in victims:
+                senses[node] = Sense(tick, first, incarnation, x, y, self._scan(*xy_m[node].tolist()), victims[node])
+            else:
+                senses[node] = Sense(tick, first, incarnation, x, y)
+        return senses
+
+    def _scan(self, x_m: float, y_m: float) -> NDArray[np.float64]:
+        lidar = self._lidar
+        ranges = self._caster.cast(x_m, y_m)
+        if lidar.noise_m > 0:
+            noisy = ranges + self._lidar_noise.normal(0.0, lidar.noise_m, len(ranges))
+            ranges = np.where(ranges < lidar.range_m, noisy.clip(0.0, lidar.range_m), ranges)
+        return ranges
+
+    def _victims_seen(self, robots: list[int], xy_m: NDArray[np.float64]) -> dict[int, Sightings]:
+        """Victims within lidar range and line of sight of each of some robots."""
+        seen: dict[int, Sightings] = dict.fromkeys(robots, ())
+        if not robots or not len(self._victims):
+            return seen
+        places = xy_m[robots]
+        offset = places[:, None] - self._victims
+        near = (offset * offset).sum(axis=2) <= self._lidar.range_m**2
+        if near.any():
+            rows, ids = np.nonzero(near)
+            clear = walls_crossed(self._walls, self._geometry, places[rows], self._victims[ids]) == 0
+            for row, victim in zip(rows[clear].tolist(), ids[clear].tolist(), strict=True):
+                x, y = self._victims[victim].tolist()
+                seen[robots[row]] += ((victim, x, y),)
+        return seen
