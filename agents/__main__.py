@@ -9,15 +9,14 @@ from setproctitle import setproctitle
 from agents.config import RobotConfig
 from agents.process import run
 from bus.command_line import parse, parser
-from bus.handover import build
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one robot until the run ends."""
     made = parser("agents", __doc__ or "")
     made.add_argument("--id", type=int, help="the robot that this is, if the file is not for one already")
-    options, handover = parse(made, arguments)
-    config: RobotConfig = build(RobotConfig, handover.entries["config"])
+    options, handover = parse(made, arguments, config=RobotConfig)
+    config: RobotConfig = handover.entries["config"]
     if options.id is not None:
         config = dataclasses.replace(config, node=options.id)
     if handover.login.user != f"robot-{config.node}":

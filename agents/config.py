@@ -105,7 +105,41 @@ class Reporting:
 
 
 @dataclass(frozen=True)
-class Policy:
+class Scouting:
+    """Policy scout (agents/scout.py); each rule can be switched off alone."""
+
+    predict: bool = True
+    """B: stand rather than walk out of the predicted reach of the NMS. The rules below that rest on it go with it."""
+    shield: bool = True
+    """C: stand rather than let a wall come between oneself and a child, and ask the child to yield."""
+    hurry: bool = True
+    """D: walk at the tracing speed, but for the last metres of a search robot."""
+    hurry_beyond_m: NotNegative = 10.0
+    recruit: bool = True
+    """Give up one's own target for that of a deeper robot in need."""
+    wait: bool = True
+    """A robot in need is patient while help may come."""
+    stretch: bool = True
+    """Let a chain in need reach farther."""
+    need_max_ticks: Ticks = 70
+    need_ticks: Ticks = 50
+    """Stopped for this long is need."""
+    need_decay_ticks: Ticks = 5
+    recall_s: NotNegative = 10.0
+    """Need that ended this recently still recruits."""
+    deeper_m: NotNegative = 2.0
+    wait_move_s: Positive = 90.0
+    wait_path_s: Positive = 270.0
+    stretch_share: Positive = 0.95
+    """r_in' / r_t while stretched."""
+    relax_share: Positive = 0.6
+    """Stretching ends when d_in falls below this share of r_in."""
+    wall_loss_db: NotNegative | None = None
+    """What the robots believe that a wall costs; None: what the radio's table says."""
+
+
+@dataclass(frozen=True)
+class Rules:
     """All rules of a robot's behavior."""
 
     routing: Routing = field(default_factory=Routing)
@@ -113,6 +147,7 @@ class Policy:
     moving: Moving = field(default_factory=Moving)
     exploring: Exploring = field(default_factory=Exploring)
     reporting: Reporting = field(default_factory=Reporting)
+    scouting: Scouting = field(default_factory=Scouting)
 
 
 @dataclass(frozen=True)
@@ -136,4 +171,8 @@ class RobotConfig:
     """The path-loss curve that turns received power into distance."""
     power_smoothing_s: float = 0.0
     """Time constant over which received power is smoothed; 0 = not at all."""
-    policy: Policy = field(default_factory=Policy)
+    wall_factor: Annotated[float, Ge(1)] = 1.0
+    """How many times farther away a wall in between makes a neighbor seem: 1 = walls do not matter, inf = they block."""
+    policy: str = "vds"
+    """Who decides: vds, scout, or module:Class (agents/policies.py)."""
+    rules: Rules = field(default_factory=Rules)

@@ -32,7 +32,7 @@ class Router:
         self._rng = rng
         # The MS is where everybody knows it to be, and no search robot.
         self.table.set_inherent(STATION, Cls.RR, config.station_m, config.station_m)
-        self._sticky = STATION if config.policy.routing.sticky else NOBODY
+        self._sticky = STATION if config.rules.routing.sticky else NOBODY
         self.quiet_until = quiet_until
         """First tick at which a new incarnation sends and learns routes again."""
         self.bad_frames = 0

@@ -58,6 +58,8 @@ class Explorer:
         self._new_cells = 0
         self._moved_from: tuple[Place, int] | None = None
         self._shortened_from: tuple[Place, float, int] | None = None
+        self.patience_s = rules.stall_move_s, rules.stall_path_s
+        """How long without a move, and without getting nearer, is a stall."""
         self.retreat_until = -1
         """Until this tick the robot walks back towards the MS."""
 
@@ -100,6 +102,10 @@ class Explorer:
         x, y = places[int(np.argmax(worth))].tolist()
         return (x, y), reach
 
+    def is_taboo(self, tick: int, place: Place) -> bool:
+        """Whether a stall near this place is still remembered."""
+        return not self._allowed(tick, np.array([place]))[0]
+
     def _allowed(self, tick: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
         self._taboo = [t for t in self._taboo if t[2] > tick]
         allowed = np.ones(len(places), bool)
@@ -117,7 +123,8 @@ class Explorer:
         last = self._shortened_from
         if last is None or last[0] != target or remaining_m <= last[1] - rules.stall_path_m:
             last = self._shortened_from = (target, remaining_m, tick)
-        stuck = tick - self._moved_from[1] >= ticks(rules.stall_move_s) or tick - last[2] >= ticks(rules.stall_path_s)
+        move_s, path_s = self.patience_s
+        stuck = tick - self._moved_from[1] >= ticks(move_s) or tick - last[2] >= ticks(path_s)
         if stuck:
             seconds = rules.taboo_s * self._rng.uniform(0.5, 1.5) * 2.0 ** min(self._stalls, 4)
             self._taboo.append((*target, tick + ticks(seconds)))

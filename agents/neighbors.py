@@ -43,7 +43,7 @@ class Neighbors:
 
     def __init__(self, config: RobotConfig) -> None:
         self._config = config
-        routing = config.policy.routing
+        routing = config.rules.routing
         self._timeout_ticks = routing.neighbor_timeout_ticks
         self._silence_ticks = routing.silence_ticks
         self._at_1m_dbm = config.tx_power_dbm - config.loss_1m_db

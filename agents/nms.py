@@ -8,12 +8,16 @@ refreshed by the present NMS only, and changed only so:
                           passes the frozen one. A descendant's number never can, so no loop arises.
     c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop
 
+A policy may say that a link is weaker than its power (`predicted_m`), weak later (`reach_m`), or as good as weak,
+because the robot is about to walk out of it (`leaving`).
+
 Each change raises the entry's freshness (agents/forwarding_table.py), which is the whole proof of freedom from loops.
 """
 
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable
@@ -25,10 +29,16 @@ class MsRoute:
     """Keeps entry STATION of a forwarding table."""
 
     def __init__(self, config: RobotConfig, table: ForwardingTable, neighbors: Neighbors) -> None:
-        self._rules = config.policy.routing
+        self._rules = config.rules.routing
         self._table = table
         self._neighbors = neighbors
         self.r_in_m = self._rules.r_in_share * config.radius_m
+        self.reach_m = self.r_in_m
+        """d_in beyond which the link to the NMS is weak: r_in, unless a policy stretches it."""
+        self.predicted_m: Callable[[int], float] | None = None
+        """How far a neighbor will seem with the walls in between that the own map knows."""
+        self.leaving: Callable[[int], bool] | None = None
+        """Whether a neighbor stays near where the robot wants to go, which its NMS does not; None: it does."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
@@ -57,7 +67,7 @@ class MsRoute:
                 self._refresh(tick)
             if self.nms == NOBODY:
                 self._adopt(self._any_route(tick))
-            elif self.weak(tick):
+            elif self.leaving is not None or self.weak(tick):
                 self._probe(tick, rng)
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
@@ -67,7 +77,9 @@ class MsRoute:
 
     def weak(self, tick: int) -> bool:
         """d_in > r_in; silence is distance (rule A)."""
-        return self._neighbors.distance_m(self.nms, tick) > self.r_in_m
+        if self._neighbors.distance_m(self.nms, tick) > self.reach_m:
+            return True
+        return self.predicted_m is not None and self.predicted_m(self.nms) > self.reach_m
 
     def _refresh(self, tick: int) -> None:
         """Follow the NMS's own entry; while frozen, only when it says that the route is lost."""
@@ -107,6 +119,8 @@ class MsRoute:
         """Rule b."""
         near_m = self._rules.adopt_share * self.r_in_m
         potential = [n for n in self._offers(tick, near_m) if n.node != self.nms and n.ms_hop <= self.hops + 1]
+        if self.leaving is not None:
+            potential = [n for n in potential if self.leaving(n.node)]
         if not potential:
             return
         if tick > self._frozen_until and rng.random() < self._rules.probe_probability:
@@ -120,4 +134,6 @@ class MsRoute:
         """Rule c."""
         seqno = self._seqno
         offers = [n for n in self._offers(tick, self._shortcut_m) if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
+        if self.predicted_m is not None:
+            offers = [n for n in offers if self.predicted_m(n.node) <= self._shortcut_m]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

@@ -136,10 +136,19 @@ class OwnMap:
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
         """Every cell on a segment is known free, as sampled at a quarter of the resolution."""
+        return bool((self._along(x0_m, y0_m, x1_m, y1_m) == FREE).all())
+
+    def obstacles(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> int:
+        """Contiguous runs of cells on a segment that are not known to be free."""
+        solid = self._along(x0_m, y0_m, x1_m, y1_m) != FREE
+        return int(solid[0]) + int(np.count_nonzero(solid[1:] & ~solid[:-1]))
+
+    def _along(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> NDArray[np.int8]:
         g = self.geometry
         length = math.hypot(x1_m - x0_m, y1_m - y0_m)
         steps = int(4.0 * length / g.resolution_m) + 1
         t = np.arange(steps + 1) / steps
         cols = ((x0_m - g.x0_m + t * (x1_m - x0_m)) / g.resolution_m).astype(np.int64)
         rows = ((y0_m - g.y0_m + t * (y1_m - y0_m)) / g.resolution_m).astype(np.int64)
-        return bool((self.cells[rows * g.cols + cols] == FREE).all())
+        values: NDArray[np.int8] = self.cells[rows * g.cols + cols]
+        return values

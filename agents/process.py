@@ -30,15 +30,15 @@ def run(config: RobotConfig, login: Login) -> None:
 
 def _run(config: RobotConfig, login: Login) -> None:
     member = Member(login, "robot", config.node, Sense.decode, Inbox.decode)
-    put_table = member.session.publisher(member.session.keys.table(config.node), blocking=False)
-    robot: Robot | None = None
-    while (turn := member.turn()) is not None:
-        sense, inbox = turn
-        if robot is None:
-            robot = Robot(config, sense.incarnation, sense.tick)
-        frames, motion = robot.step(sense, inbox)
-        member.answer(Transmission(sense.tick, config.node, frames).encode(), motion.encode())
-        table = robot.table()
-        if table is not None:
-            put_table(table.encode())
-    member.session.close()
+    with member.session:
+        put_table = member.session.publisher(member.session.keys.table(config.node), blocking=False)
+        robot: Robot | None = None
+        while (turn := member.turn()) is not None:
+            sense, inbox = turn
+            if robot is None:
+                robot = Robot(config, sense.incarnation, sense.tick)
+            frames, motion = robot.step(sense, inbox)
+            member.answer(Transmission(sense.tick, config.node, frames).encode(), motion.encode())
+            table = robot.table()
+            if table is not None:
+                put_table(table.encode())

@@ -10,8 +10,8 @@ from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.map_downlink import MapDownlink
 from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport, Table, Update, kind_of
+from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
-from agents.vds import Vds
 from bus.codec import WireError
 from medium.messages import BROADCAST, Frame, Inbox, Reception
 from world.messages import NOBODY, Cls, Mode, Motion, Sense, Status
@@ -25,15 +25,15 @@ class Robot:
 
     def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
         """A new incarnation of a robot stays silent and deaf on routes while its old routes die out (PROCEDURE 2)."""
-        routing = config.policy.routing
+        routing = config.rules.routing
         quiet = incarnation > 0 and routing.quiet_restart
         quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
         # A text seeds the same way on every machine and under every PYTHONHASHSEED.
         rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config
         self.body = Body(config, rng, quiet_until)
-        self.policy = Vds(self.body)
-        reporting = config.policy.reporting
+        self.policy = policy_class(config.policy)(self.body)
+        reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)
         self.downlink = MapDownlink(reporting.chunk_cells)

@@ -11,6 +11,8 @@ A neighbor that is silent is beyond r_in and r_out (PROCEDURE 9, rule A).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,24 +24,31 @@ from world.messages import NOBODY, STATION, Cls, Mode
 
 Velocity = tuple[float, float]
 
-_STILL: Velocity = (0.0, 0.0)
+STILL: Velocity = (0.0, 0.0)
 
 
 class Vds:
     """Decides for one robot. Subclass it to replace `choose_msr` or `choose_target` (docs/writing-a-policy.md)."""
 
+    DEFAULTS: ClassVar[Mapping[str, Any]] = {}
+    """Values that this policy wants for keys of a scenario that says nothing of them."""
+
     def __init__(self, body: Body) -> None:
         self.body = body
-        rules = body.config.policy
+        rules = body.config.rules
         self.rules = rules
         self.classifier = Classifier(rules.classing)
         self.explorer = Explorer(rules.exploring, body.map, body.planner, body.rng)
         self.r_in_m = body.router.ms.r_in_m
         self.r_out_m = rules.routing.r_out_share * body.config.radius_m
-        self._to_target = Walker(body.map, body.planner, same_goal_m=0.05)
+        self.to_target = Walker(body.map, body.planner, same_goal_m=0.05)
         self._tracing = Walker(body.map, body.planner, same_goal_m=0.5)
         self.target: Place | None = None
         self.msr = NOBODY
+        self.hold = NOBODY
+        """Announced to neighbors; stays NOBODY here (policy scout)."""
+        self.need = False
+        """Announced to all; stays False here (policy scout)."""
         self._was_at_nms = False
 
     @property
@@ -58,26 +67,26 @@ class Vds:
         elif before is Cls.RR:
             self.msr = NOBODY
         velocity, mode = self.behave(cls)
-        return Action(velocity, mode, cls, self.target or self.body.at, self.msr)
+        return Action(velocity, mode, cls, self.target or self.body.at, self.msr, self.hold, self.need)
 
     def behave(self, cls: Cls) -> tuple[Velocity, Mode]:
         """Fig. 3."""
         tick, router = self.body.tick, self.body.router
         if tick < router.quiet_until:
-            return _STILL, Mode.LOST
+            return STILL, Mode.LOST
         if router.ms.nms == NOBODY:
-            return self._recover_path(), Mode.LOST
+            return self.recover_path(), Mode.LOST
         self._was_at_nms = False
         if cls is Cls.SR:
-            self._search()
+            self.search()
         if router.ms.weak(tick):
             return self.trace(router.ms.nms), Mode.INNER
         if cls is Cls.RR:
             if self.nmsr != NOBODY and router.neighbors.distance_m(self.nmsr, tick) > self.r_out_m:
                 return self.trace(self.nmsr), Mode.OUTER
             if not self.rules.moving.relay_walks:
-                return _STILL, Mode.WAIT
-        return self._walk()
+                return STILL, Mode.WAIT
+        return self.walk(self.rules.moving.speed_m_s)
 
     # -- relay ---------------------------------------------------------------------------------------------------------
 
@@ -105,14 +114,15 @@ class Vds:
         if chosen is None:
             return None
         target, reach = chosen
-        self._to_target.take(body.tick, body.at, target, reach)
+        self.to_target.take(body.tick, body.at, target, reach)
         return target
 
-    def _search(self) -> None:
+    def search(self) -> None:
+        """Choose a new target when one is due, or when the robot stalled on its way to it."""
         tick, at = self.body.tick, self.body.at
         due = self.explorer.done(at, self.target, self.rules.moving.arrive_m)
         if not due and self.target is not None:
-            due = self.explorer.stalled(tick, at, self.target, self._to_target.remaining_m(at))
+            due = self.explorer.stalled(tick, at, self.target, self.to_target.remaining_m(at))
         if due:
             self.target = self.choose_target()
 
@@ -125,15 +135,16 @@ class Vds:
     def _run_to(self, place: Place) -> Velocity:
         return self._tracing.velocity(self.body.tick, self.body.at, place, self.rules.moving.trace_speed_m_s)
 
-    def _walk(self) -> tuple[Velocity, Mode]:
+    def walk(self, speed_m_s: float) -> tuple[Velocity, Mode]:
+        """Towards the target, or back to the MS while a stalled SR retreats."""
         goal, tick = self.target, self.body.tick
         if self.classifier.cls is Cls.SR and tick < self.explorer.retreat_until:
             goal = self.body.config.station_m
         if goal is None:
-            return _STILL, Mode.WAIT
-        return self._to_target.velocity(tick, self.body.at, goal, self.rules.moving.speed_m_s), Mode.WALK
+            return STILL, Mode.WAIT
+        return self.to_target.velocity(tick, self.body.at, goal, speed_m_s), Mode.WALK
 
-    def _recover_path(self) -> Velocity:
+    def recover_path(self) -> Velocity:
         """APR: first where the NMS was, from there towards the MS, until some neighbor offers a route."""
         last, station = self.body.router.ms.last_nms, self.body.config.station_m
         if last in (NOBODY, STATION):

@@ -7,7 +7,7 @@ of ours (ARCHITECTURE.md, invariant 5).
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import msgpack
 import numpy as np

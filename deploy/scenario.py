@@ -6,6 +6,7 @@ import contextlib
 import copy
 import dataclasses
 import functools
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -16,9 +17,10 @@ from typing import Any, Final
 import tomli_w
 
 from agents.config import RobotConfig
+from agents.policies import PolicyError, policy_class
 from deploy.arena import Arena, survey
 from deploy.tables import ScenarioError, Tables, nearest, validate
-from medium.config import MediumConfig
+from medium.config import MediumConfig, Radio
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, fault_form, parse_fault
@@ -111,7 +113,9 @@ class Scenario:
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
             power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
-            policy=tables.rules,
+            wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
+            policy=tables.policy,
+            rules=tables.rules,
         )
 
     def station_config(self) -> StationConfig:
@@ -159,11 +163,34 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None) -> Scen
         plan = raw.get("floor_plan")
         if isinstance(plan, dict) and isinstance(plan.get("map"), str):
             plan["map"] = str((path.parent / plan["map"]).resolve())
+        _apply_policy(raw)
         tables = validate(raw)
         _check(tables)
         return Scenario(tables, survey(tables))
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from None
+
+
+def _apply_policy(raw: dict[str, Any]) -> None:
+    """Check the policy's name, and let its own defaults stand wherever the scenario says nothing.
+
+    Raises:
+        ScenarioError: there is no such policy.
+    """
+    name = raw.get("policy", "vds")
+    if not isinstance(name, str):
+        return
+    try:
+        defaults = policy_class(name).DEFAULTS
+    except PolicyError as error:
+        raise ScenarioError(f"policy = '{name}': {error}") from None
+    for key, value in defaults.items():
+        *tables, last = key.split(".")
+        place: Any = raw
+        for table in tables:
+            place = place.setdefault(table, {}) if isinstance(place, dict) else None
+        if isinstance(place, dict):
+            place.setdefault(last, value)
 
 
 def names() -> list[str]:
@@ -256,6 +283,17 @@ def _check(tables: Tables) -> None:
             check_fault(fault, tables.robots, tables.duration_s)
         except ValueError as error:
             raise ScenarioError(f"fault[{i}]: {error}") from None
+
+
+def _wall_factor(radio: Radio, believed_db: float | None) -> float:
+    """How many times farther away one wall makes a node seem, as the robots believe."""
+    if radio.model == "disk":
+        return 1.0
+    if radio.model == "disk_los":
+        return math.inf
+    loss_db = radio.wall_loss_db if believed_db is None else believed_db
+    factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
+    return factor
 
 
 def _plain(value: Any) -> Any:

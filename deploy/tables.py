@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get
 from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from agents.config import Policy
+from agents.config import Rules
 from medium.config import Radio
 from world.config import Fault, Lidar, NotNegative, Positive
 
@@ -109,8 +109,8 @@ class Tables:
     name: Annotated[str, MinLen(1)]
     floor_plan: FloorPlan
     description: str = ""
-    policy: Literal["vds"] = "vds"
-    """Which rules the robots follow."""
+    policy: Annotated[str, MinLen(1)] = "vds"
+    """Who decides for a robot: vds (the paper's), scout, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
     radius_m: Positive = 20.0
     """r_t"""
@@ -126,7 +126,7 @@ class Tables:
     victims: Victims = field(default_factory=Victims)
     lidar: Lidar = field(default_factory=Lidar)
     radio: Radio = field(default_factory=Radio)
-    rules: Policy = field(default_factory=Policy)
+    rules: Rules = field(default_factory=Rules)
     deadlines: Deadlines = field(default_factory=Deadlines)
     fault: tuple[Fault, ...] = ()
 

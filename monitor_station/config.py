@@ -22,7 +22,7 @@ class SearchCell:
 
 @dataclass(frozen=True)
 class StationConfig:
-    """The MS: its own node (policy fields that concern wheels are unused) and what it measures."""
+    """The MS: its own node (rules that concern wheels are unused) and what it measures."""
 
     node: RobotConfig
     search_cells: tuple[SearchCell, ...]

@@ -29,13 +29,13 @@ class Station:
 
     def __init__(self, config: StationConfig, incarnation: int, first_tick: int) -> None:
         node = config.node
-        routing = node.policy.routing
+        routing = node.rules.routing
         quiet = incarnation > 0 and routing.quiet_restart
         quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
         self.config = config
         self.router = Router(node, random.Random(f"{node.seed}/{node.node}/{incarnation}"), quiet_until)
         self.merger = MapMerger(node.geometry, node.safety_zone_m)
-        self.downlink = MapDownlink(node.policy.reporting.chunk_cells)
+        self.downlink = MapDownlink(node.rules.reporting.chunk_cells)
         self.search = SearchRate(config.search_cells, node.geometry.size)
         known = np.flatnonzero(self.merger.cells >= 0)
         self.search.update(0, known, self.merger.cells)

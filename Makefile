@@ -1,0 +1,59 @@
+# Everything runs in .venv, which `make setup` makes once and again whenever the pins change.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: setup run test check format clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study]'
+	touch $@
+
+run: setup
+	$(BIN)/python deploy/run_local.py --robots 9 $(ARGS)
+
+test: setup
+	$(BIN)/python -m pytest $(ARGS)
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Longer measurements, each there as soon as its script is.
+ifneq ($(wildcard tests/bench/*.py),)
+.PHONY: bench
+bench: setup
+	$(BIN)/python -m tests.bench $(ARGS)
+endif
+
+ifneq ($(wildcard tests/acceptance.py),)
+.PHONY: acceptance
+acceptance: setup
+	$(BIN)/python tests/acceptance.py $(ARGS)
+endif
+
+ifneq ($(wildcard tests/chaos.py),)
+.PHONY: chaos
+chaos: setup
+	$(BIN)/python tests/chaos.py $(ARGS)
+endif
+
+ifneq ($(wildcard deploy/study.py),)
+.PHONY: study
+study: setup
+	$(BIN)/python deploy/study.py $(ARGS)
+endif
+
+clean:
+	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

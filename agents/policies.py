@@ -1,0 +1,34 @@
+"""Which class decides for a robot, by the name in a scenario: `vds`, `scout`, or `module:Class`."""
+
+from __future__ import annotations
+
+import importlib
+
+from agents.scout import Scout
+from agents.vds import Vds
+
+_NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout}
+
+
+class PolicyError(ValueError):
+    """A name that leads to no policy."""
+
+
+def policy_class(name: str) -> type[Vds]:
+    """Look a policy up.
+
+    Raises:
+        PolicyError: no such name, module or class, or a class that is not derived from agents.vds.Vds.
+    """
+    if name in _NAMED:
+        return _NAMED[name]
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        raise PolicyError(f"should be one of {', '.join(_NAMED)}, or module:Class")
+    try:
+        found = getattr(importlib.import_module(module), attribute, None)
+    except ImportError as error:
+        raise PolicyError(f"cannot import {module}: {error}") from None
+    if not (isinstance(found, type) and issubclass(found, Vds)):
+        raise PolicyError(f"{module} has no class {attribute} derived from agents.vds.Vds")
+    return found

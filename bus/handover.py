@@ -1,0 +1,95 @@
+"""The file that a process started by hand reads: its login and its configuration, as JSON.
+
+`{"login": {"run", "endpoint", "user", "password"}, "config": {...}, ...}`: a configuration is a dataclass, whose
+fields stand under their names, arrays as (nested) lists. The file holds a password, so only its owner may read it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from bus.access import Login
+
+__all__ = ["Handover", "build", "plain", "read", "write"]
+
+C = TypeVar("C")
+
+
+@dataclasses.dataclass(frozen=True)
+class Handover:
+    """What such a file holds: a login, and further entries that `build` turns into what they were."""
+
+    login: Login
+    entries: dict[str, Any]
+
+
+def write(path: Path, login: Login, **entries: Any) -> None:
+    """Write a file for one process; each entry is a dataclass, or of JSON types, or None."""
+    path.touch(mode=0o600)
+    path.chmod(0o600)
+    path.write_text(json.dumps({"login": plain(login)} | {name: plain(entry) for name, entry in entries.items()}))
+
+
+def read(path: Path, *, connect: str | None = None) -> Handover:
+    """Read such a file; `connect` replaces the router's endpoint.
+
+    Raises:
+        ValueError: it is missing or is no such file; the words are fit for a user.
+    """
+    try:
+        content = json.loads(path.read_text())
+        login = build(Login, content.pop("login"))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} is no credentials file: {error}") from error
+    if connect is not None:
+        login = dataclasses.replace(login, endpoint=connect)
+    return Handover(login, content)
+
+
+def plain(value: Any) -> Any:
+    """A configuration in JSON types."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray):
+        # The shape of an empty array would be lost in a list.
+        return {"shape": list(value.shape), "values": value.ravel().tolist()}
+    if isinstance(value, (tuple, list)):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(name): plain(item) for name, item in value.items()}
+    return value
+
+
+def build(hint: Any, value: Any) -> Any:
+    """What `plain` made of a value of type `hint`, back again.
+
+    Raises:
+        ValueError, TypeError, KeyError: the value does not fit.
+    """
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is typing.Annotated:
+        return build(arguments[0], value)
+    if origin in (Union, types.UnionType) and type(None) in arguments:
+        if value is None:
+            return None
+        return build(next(argument for argument in arguments if argument is not type(None)), value)
+    if origin is np.ndarray:
+        dtype = np.dtype(get_args(arguments[1])[0])
+        return np.array(value["values"], dtype).reshape(value["shape"])
+    if origin is tuple:
+        if len(arguments) == 2 and arguments[1] is Ellipsis:
+            return tuple(build(arguments[0], item) for item in value)
+        return tuple(build(argument, item) for argument, item in zip(arguments, value, strict=True))
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        if not isinstance(value, dict):
+            raise ValueError(f"no {hint.__name__} there")
+        hints = typing.get_type_hints(hint, include_extras=True)
+        return hint(**{name: build(hints[name], item) for name, item in value.items()})
+    return float(value) if hint is float else value

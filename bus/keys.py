@@ -1,0 +1,169 @@
+"""Every key expression of a run, and who puts and who receives on it, in one table.
+
+All keys stand under `vds/{run}/`. Robot ids are chunks of their own (`tx/4`, not `tx-4`). Simulation traffic is
+sealed behind the verbatim chunk `@sim`: a wildcard never matches it, so no radio subscription can overhear the
+truth (Zenoh key expressions, "verbatim chunks").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal
+
+__all__ = ["ANY", "PROCESSES", "ROLES", "TABLE", "Keys", "Row", "Token", "check_run"]
+
+ANY: Final = "*"
+"""Stands for every node, role or incarnation in a subscription."""
+
+Role = Literal["world", "medium", "station", "robot"]
+ROLES: Final[tuple[Role, ...]] = ("world", "medium", "station", "robot")
+PROCESSES: Final = ("world", "medium", "station")
+"""Processes that send their final counts at the end."""
+
+Kind = Literal["put", "query", "token"]
+Party = Literal["world", "medium", "station", "robot", "node", "operator"]
+"""`node` is the station or a robot, on keys with {node} only that very node."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One key: who puts (asks, is alive) and who receives (answers, watches)."""
+
+    pattern: str
+    kind: Kind
+    senders: tuple[Party, ...]
+    receivers: tuple[Party, ...]
+
+
+TABLE: Final[Mapping[str, Row]] = MappingProxyType({
+    "sense": Row("@sim/sense/{node}", "put", ("world",), ("node",)),
+    "motion": Row("@sim/motion/{node}", "put", ("node",), ("world",)),
+    "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
+    "done": Row("@sim/done", "put", ("medium",), ("world",)),
+    "tx": Row("radio/{node}/tx", "put", ("node",), ("medium",)),
+    "rx": Row("radio/{node}/rx", "put", ("medium",), ("node",)),
+    "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
+    "event": Row("@sim/event", "put", ("world", "medium", "station"), ("station", "operator")),
+    "feed": Row("@sim/feed", "put", ("world",), ("station", "operator")),
+    "signal": Row("@sim/signal", "put", ("world",), ("operator",)),
+    "final": Row("@sim/final/{process}", "put", ("world", "medium", "station"), ("operator",)),
+    "control": Row("@sim/control", "query", ("operator",), ("world",)),
+    "world": Row("alive/world/{node}/{incarnation}", "token", ("world",), ("medium", "node", "operator")),
+    "medium": Row("alive/medium/{node}/{incarnation}", "token", ("medium",), ("world", "node", "operator")),
+    "station": Row("alive/station/{node}/{incarnation}", "token", ("station",), ("world", "medium", "operator")),
+    "robot": Row("alive/robot/{node}/{incarnation}", "token", ("robot",), ("world", "medium", "operator")),
+})  # fmt: skip
+"""What each message is: ARCHITECTURE.md, "Keys"."""
+
+
+@dataclass(frozen=True)
+class Token:
+    """The liveliness token of one process: `alive/{role}/{node}/{incarnation}`."""
+
+    role: str
+    node: int
+    """Node id; 0 for world, medium and station."""
+    incarnation: int
+    """Random for each process start, so that a second process never shares a key with the first."""
+
+
+def check_run(run: str) -> str:
+    """Check that a run's name can be one chunk of a key.
+
+    Raises:
+        ValueError: it is empty or has a character that means something in a key expression.
+    """
+    if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() for c in run):
+        raise ValueError(f"{run!r} can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @")
+    return run
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of one run; `ANY` for a node gives the wildcard."""
+
+    run: str
+
+    def __post_init__(self) -> None:
+        check_run(self.run)
+
+    def key(self, name: str, **chunks: object) -> str:
+        """Fill in the row `name` of TABLE; chunks that are not given are wildcards."""
+        fields = {"node": ANY, "process": ANY, "incarnation": ANY} | chunks
+        return f"vds/{self.run}/{TABLE[name].pattern.format(**fields)}"
+
+    def sense(self, node: int | str) -> str:
+        """World -> that node: `Sense`, `Stop` or a refusal, each behind a header (`bus.lockstep.seal`)."""
+        return self.key("sense", node=node)
+
+    def motion(self, node: int | str) -> str:
+        """Node -> world: `Motion` of a robot, `Report` of the station, behind a header."""
+        return self.key("motion", node=node)
+
+    @property
+    def positions(self) -> str:
+        """World -> medium: `Positions`, `Departed` or `Stop`, each behind a header."""
+        return self.key("positions")
+
+    @property
+    def done(self) -> str:
+        """Medium -> world: `Done`."""
+        return self.key("done")
+
+    def tx(self, node: int | str) -> str:
+        """Node -> medium: `Transmission`."""
+        return self.key("tx", node=node)
+
+    def rx(self, node: int | str) -> str:
+        """Medium -> that node: `Inbox`."""
+        return self.key("rx", node=node)
+
+    def table(self, node: int | str) -> str:
+        """Robot -> recorder: `Table`, outside the lockstep."""
+        return self.key("table", node=node)
+
+    @property
+    def event(self) -> str:
+        """Simulation processes -> recorder, launcher: `Event`."""
+        return self.key("event")
+
+    @property
+    def feed(self) -> str:
+        """World -> recorder, launcher: batches of `Snapshot`, as `bus.lockstep.batch` packs them."""
+        return self.key("feed")
+
+    @property
+    def signal(self) -> str:
+        """World -> launcher: `Signal`."""
+        return self.key("signal")
+
+    def final(self, process: str) -> str:
+        """World, medium, station -> launcher at the end: msgpack map of that core's counts."""
+        return self.key("final", process=process)
+
+    @property
+    def control(self) -> str:
+        """Launcher, operator -> world: a command line; the answer is JSON."""
+        return self.key("control")
+
+    def alive(self, role: str, node: int | str = ANY, incarnation: str = ANY) -> str:
+        """Liveliness tokens of a role."""
+        return self.key(role, node=node, incarnation=incarnation)
+
+    def token(self, token: Token) -> str:
+        """The key of one token."""
+        return self.alive(token.role, token.node, f"{token.incarnation:08x}")
+
+    @staticmethod
+    def node_of(key: str) -> int:
+        """The node of a `sense`, `motion`, `table`, `tx` or `rx` key."""
+        chunks = key.split("/")
+        return int(chunks[-2] if chunks[2] == "radio" else chunks[-1])
+
+    @staticmethod
+    def token_of(key: str) -> Token:
+        """Read a liveliness key."""
+        role, node, incarnation = key.split("/")[-3:]
+        return Token(role, int(node), int(incarnation, 16))

@@ -1,0 +1,214 @@
+"""A node's side of the lockstep: a robot and the station keep step with the same few lines.
+
+A turn begins when the node has its sense of a tick and, unless that is its first tick, the inbox of the same tick.
+Whatever else arrives (senses of another process of this node, inboxes of other ticks) is left behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from typing import Final, Generic, Protocol, TypeVar
+
+from bus.codec import WireError
+from bus.lockstep import Kind, seal, unseal
+from bus.session import BusError, Login, Mailbox, Session, new_token
+
+__all__ = ["END", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch", "exit_status"]
+
+END: Final = ("", None)
+"""A message to oneself: end in good order (put by a handler of SIGTERM)."""
+
+LOST_STATUS: Final = 3
+"""Exit status of a process that lost the world, the medium or the router."""
+
+REFUSED_STATUS: Final = 4
+"""Exit status of a process whose node is already there."""
+
+_POLL_S: Final = 0.5
+_LATE_STOP_S: Final = 0.5
+_NOBODY_S: Final = 60.0
+
+log = logging.getLogger(__name__)
+
+
+class LostError(BusError):
+    """The world, the medium or the router is gone."""
+
+
+class RefusedError(BusError):
+    """Another living process is this node."""
+
+
+@contextlib.contextmanager
+def exit_status() -> Iterator[None]:
+    """Turn what ends a process against its will into a last line of its log and an exit status.
+
+    Raises:
+        SystemExit: with REFUSED_STATUS, or with LOST_STATUS for any other trouble with the bus.
+    """
+    try:
+        yield
+    except BusError as error:
+        log.error("%s: this process ends", error)  # a traceback would hide the one line that matters
+        raise SystemExit(REFUSED_STATUS if isinstance(error, RefusedError) else LOST_STATUS) from None
+
+
+class _Sense(Protocol):
+    @property
+    def tick(self) -> int: ...
+
+    @property
+    def first(self) -> bool: ...
+
+
+class _Inbox(Protocol):
+    @property
+    def tick(self) -> int: ...
+
+
+S = TypeVar("S", bound=_Sense)
+I = TypeVar("I", bound=_Inbox)  # noqa: E741  # reads as "inbox" beside S for "sense"
+
+
+class Watch:
+    """Whether the processes that everybody depends on are still there."""
+
+    def __init__(self, session: Session, mailbox: Mailbox, *roles: str) -> None:
+        """Watch the tokens of `roles`; they arrive in `mailbox` and are to be handed to `see`."""
+        self._session = session
+        self._tokens: dict[str, set[str]] = {role: set() for role in roles}
+        self._seen: set[str] = set()
+        self._since_s = time.monotonic()
+        session.watch(mailbox, *(session.keys.alive(role) for role in roles))
+
+    def see(self, key: str, data: bytes | None) -> str | None:
+        """Note the coming or going of a token; returns the role that has just been lost."""
+        role = self._session.keys.token_of(key).role
+        held = self._tokens[role]
+        if data is not None:
+            held.add(key)
+            self._seen.add(role)
+        else:
+            held.discard(key)
+        return role if role in self._seen and not held else None
+
+    def check(self) -> str | None:
+        """What is missing, to be asked whenever nothing has arrived for a while."""
+        if not self._session.connected():
+            return "router"
+        absent = [role for role in self._tokens if role not in self._seen]
+        if absent and time.monotonic() - self._since_s > _NOBODY_S:
+            return " and ".join(absent)
+        return None
+
+
+class Member(Generic[S, I]):
+    """One process of a node."""
+
+    def __init__(
+        self,
+        login: Login,
+        role: str,
+        node: int,
+        sense: Callable[[bytes], S],
+        inbox: Callable[[bytes], I],
+    ) -> None:
+        """Log in and join: the world admits this process at its next tick.
+
+        Args:
+            login: of this node.
+            role: `robot` or `station`.
+            node: its id.
+            sense: decodes a sense, or raises `WireError`.
+            inbox: decodes an inbox, or raises `WireError`.
+
+        Raises:
+            BusError: the router can't be reached or refuses.
+        """
+        self.session = Session.connect(login)
+        self.mailbox = Mailbox()
+        self.dropped = 0
+        """Messages that were malformed."""
+        keys = self.session.keys
+        self._decode_sense, self._decode_inbox = sense, inbox
+        self._sense_key, self._rx_key = keys.sense(node), keys.rx(node)
+        self._put_motion = self.session.publisher(keys.motion(node), blocking=True)
+        self._put_tx = self.session.publisher(keys.tx(node), blocking=True, last=False)
+        self.session.subscribe(self.mailbox, self._sense_key, self._rx_key)
+        self._watch = Watch(self.session, self.mailbox, "world", "medium")
+        self._token = new_token(role, node)
+        self._sense: S | None = None
+        self._inbox: I | None = None
+        # The token comes last: who sees it may count on everything else.
+        self.session.declare(self._token)
+
+    def turn(self) -> tuple[S, I | None] | None:
+        """Wait for the next tick: its sense and its inbox (None at a first tick); None when the run is over.
+
+        Raises:
+            LostError: the world, the medium or the router is gone.
+            RefusedError: another living process is this node.
+        """
+        while True:
+            message = self.mailbox.get(_POLL_S)
+            if message is None:
+                if (what := self._watch.check()) is not None:
+                    raise LostError(f"{what} is gone")
+                continue
+            if message == END or self._take(*message):
+                return None
+            sense, inbox = self._sense, self._inbox
+            if sense is not None and (sense.first or (inbox is not None and inbox.tick == sense.tick)):
+                self._sense = self._inbox = None
+                return sense, None if sense.first else inbox
+
+    def _take(self, key: str, data: bytes | None) -> bool:
+        """Take in one message; True if it ends the run."""
+        try:
+            if key == self._rx_key and data is not None:
+                self._inbox = self._decode_inbox(data)
+                return False
+            if key == self._sense_key and data is not None:
+                return self._sealed(data)
+        except WireError as error:
+            self.drop(key, error)
+            return False
+        return self._token_changed(key, data)
+
+    def _sealed(self, data: bytes) -> bool:
+        kind, token, body = unseal(data)
+        if kind == Kind.STOP:
+            return True
+        if token != self._token.incarnation:
+            return False
+        if kind == Kind.DATA:
+            self._sense = self._decode_sense(body)
+            if self._sense.first:
+                self._inbox = None
+        elif kind == Kind.REFUSED:
+            raise RefusedError(f"refused: another living process is already {self._token.role} {self._token.node}")
+        return False
+
+    def _token_changed(self, key: str, data: bytes | None) -> bool:
+        lost = self._watch.see(key, data)
+        if lost is None:
+            return False
+        # A world that ends a run goes at once: its last word may come in after its token has dropped.
+        while (message := self.mailbox.get(_LATE_STOP_S)) is not None:
+            if message[0] == self._sense_key and message[1] and unseal(message[1])[0] == Kind.STOP:
+                return True
+        raise LostError(f"{lost} is gone")
+
+    def drop(self, what: str, error: WireError) -> None:
+        """Count a malformed message; the first one is logged."""
+        self.dropped += 1
+        if self.dropped == 1:
+            log.warning("dropped a malformed message on %s: %s (further ones are only counted)", what, error)
+
+    def answer(self, transmission: bytes, motion: bytes) -> None:
+        """End the turn: the frames go out before the motion, so that who has moved has also spoken."""
+        self._put_tx(transmission)
+        self._put_motion(seal(Kind.DATA, self._token.incarnation, motion))

@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""Speak to a run that is under way: `deploy/ctl.py status`, `deploy/ctl.py kill 4`, `deploy/ctl.py speed 10`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+
+COMMANDS: Final = """\
+commands:
+  status                  tick, speed, roster and progress, as JSON
+  kill NODE               SIGKILL, for good
+  pause NODE S            SIGSTOP, and SIGCONT after S simulated seconds
+  restart NODE S          SIGKILL, and a new process after S simulated seconds
+  jam A,B S               robots A and B do not hear each other for S simulated seconds
+  jam X0,Y0,X1,Y1 S       nobody in that region hears anything for S simulated seconds
+  loss P S                every frame is lost with probability P for S simulated seconds
+  hold | step | speed F   hold the run; one tick, then hold; go on at speed F (max: as fast as possible)
+  interrupt               end the run
+NODE is a robot's id, `station`, or a role such as relay:mid.
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Ask one thing of a run; returns 0, 1 if the run refused, 2 if there is no such run."""
+    parser = argparse.ArgumentParser(
+        prog="ctl.py", description=__doc__, epilog=COMMANDS, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--run", type=Path, metavar="DIR", help="run folder (default: the newest run under way)")
+    parser.add_argument("command", nargs="+", help="see below")
+    options = parser.parse_args(arguments)
+
+    from bus.session import BusError, Login, Session
+    from deploy.run_folder import OPERATOR
+
+    folder = options.run or newest_run([Path("runs"), ROOT / "runs"])
+    if folder is None:
+        return _refuse("no run is under way here: name its folder by --run")
+    try:
+        told = json.loads((folder / OPERATOR).read_text(encoding="utf-8"))
+        login = Login(told["run"], told["endpoint"], told["user"], told["password"])
+    except (OSError, ValueError, KeyError) as error:
+        return _refuse(f"no run is under way in {folder}: {error}")
+    try:
+        session = Session.connect(login, timeout_s=5.0)
+        try:
+            answer = session.ask(session.keys.control, question(options.command))
+        finally:
+            session.close()
+    except BusError as error:
+        return _refuse(f"the run in {folder} does not answer: {error}")
+    return _show(answer)
+
+
+def question(words: list[str]) -> str:
+    """What the world is asked: faults in the form that the command line of a run has, at a time that is now."""
+    match words:
+        case ["kill", target]:
+            return f"fault kill:{target}@0"
+        case ["pause" | "restart" | "jam" | "loss" as verb, target, duration_s]:
+            return f"fault {verb}:{target}@0+{duration_s}"
+        case _:
+            return " ".join(words)
+
+
+def newest_run(places: list[Path]) -> Path | None:
+    """The run folder of the youngest run that is under way."""
+    from deploy.run_folder import OPERATOR, living_launcher
+
+    found = [file for place in places for file in place.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
+    return max(found, key=lambda file: file.stat().st_mtime).parent if found else None
+
+
+def _show(answer: str) -> int:
+    try:
+        told = json.loads(answer)
+    except ValueError:
+        told = answer
+    if isinstance(told, dict) and "error" in told:
+        print(f"ctl.py: {told['error']}", file=sys.stderr)
+        return 1
+    print(told if isinstance(told, str) else json.dumps(told, indent=1))
+    return 0
+
+
+def _refuse(words: str) -> int:
+    print(f"ctl.py: {words}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
+    sys.path[0] = str(ROOT)
+    sys.exit(main())

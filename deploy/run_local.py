@@ -1,0 +1,223 @@
+#!/usr/bin/env python3
+"""Run one scenario on this machine, one process per robot: `deploy/run_local.py --robots 9`.
+
+Exit status: 0 when the run ended as asked, 1 when a process failed, 2 for bad input (one line, before anything starts).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from deploy.live_table import View
+    from deploy.scenario import Scenario
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+NEEDED: Final = (
+    "annotated_types", "msgpack", "numpy", "PIL", "pydantic", "rerun", "rich", "scipy", "setproctitle", "tomli_w",
+    "yaml", "zenoh",
+)  # fmt: skip
+
+
+class BadInputError(Exception):
+    """Something that was asked for can't be; one line for the user."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"run_local.py: {message} (--help lists the options)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = _Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
+    p.add_argument("--robots", type=int, metavar="N", help="how many robots (default: the scenario's)")
+    p.add_argument(
+        "--scenario", default="three_cells", metavar="NAME|FILE", help="a name, a .toml file or a map's .yaml"
+    )
+    p.add_argument("--radius", type=float, metavar="M", help="transmission radius r_t in metres")
+    p.add_argument("--seed", type=int, metavar="N", help="of everything random")
+    p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
+    p.add_argument("--duration", type=float, metavar="S", help="simulated seconds after which the run ends")
+    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's)")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
+    p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/SCENARIO-TIME)")
+    p.add_argument("--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one)")
+    p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
+    p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
+    p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
+    p.add_argument("-q", "--quiet", action="store_true", help="show nothing but what failed")
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Check everything, then run; returns the exit status."""
+    options = parser().parse_args(arguments)
+    _require_modules()
+    try:
+        scenario = _scenario(options)
+        endpoint = None if options.in_process else _endpoint(options.port)
+        out = _folder(options.out, scenario.name)
+    except BadInputError as error:
+        print(f"run_local.py: {error}", file=sys.stderr)
+        return 2
+    return _run(options, scenario, endpoint, out)
+
+
+def _require_modules() -> None:
+    """Go on in the project's own environment if this Python lacks something, or say how to make one."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if not missing:
+        return
+    venv = ROOT / ".venv"
+    if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():
+        python = str(venv / "bin" / "python")
+        os.execv(python, [python, str(Path(__file__).resolve()), *sys.argv[1:]])
+    print(
+        f"run_local.py: this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, "
+        "then `.venv/bin/python deploy/run_local.py`",
+        file=sys.stderr,
+    )
+    sys.exit(2)
+
+
+def _scenario(options: argparse.Namespace) -> Scenario:
+    from deploy.scenario import load, parse_set
+
+    given = {
+        "robots": options.robots,
+        "radius_m": options.radius,
+        "seed": options.seed,
+        "duration_s": options.duration,
+        "speed": _speed(options.speed),
+        "policy": options.policy,
+        "fault": options.fault or None,
+    }
+    try:
+        overrides = dict(parse_set(text) for text in options.set)
+        overrides |= {key: value for key, value in given.items() if value is not None}
+        return load(options.scenario, overrides)
+    except ValueError as error:
+        raise BadInputError(str(error)) from error
+
+
+def _speed(text: str | None) -> str | float | None:
+    try:
+        return text if text is None or text == "max" else float(text)
+    except ValueError:
+        raise BadInputError(f"--speed {text}: expected max or a number") from None
+
+
+def _endpoint(port: int | None) -> str:
+    from bus.session import BusError, free_endpoint, require_free
+
+    if port is None:
+        return free_endpoint()
+    if not 0 < port < 65_536:
+        raise BadInputError(f"--port {port}: a port is 1 to 65535")
+    endpoint = f"tcp/127.0.0.1:{port}"
+    try:
+        require_free(endpoint)
+    except BusError as error:
+        raise BadInputError(f"--port {port}: {error}") from error
+    return endpoint
+
+
+def _folder(asked: Path | None, scenario: str) -> Path:
+    """Make the run folder, or say why it can't be."""
+    from deploy.run_folder import living_launcher
+
+    out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        probe = out / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BadInputError(f"--out {out}: can't write there: {error.strerror}") from error
+    if (pid := living_launcher(out)) is not None:
+        raise BadInputError(f"--out {out}: a run is under way there (pid {pid})")
+    return out
+
+
+def _new_folder(parent: Path, name: str) -> Path:
+    number, path = 1, parent / name
+    while path.exists():
+        number += 1
+        path = parent / f"{name}-{number}"
+    return path
+
+
+def _run(options: argparse.Namespace, scenario: Scenario, endpoint: str | None, out: Path) -> int:
+    from rich.console import Console
+
+    from deploy.run_folder import RunFolder
+
+    console = Console(stderr=False, quiet=options.quiet)
+    with RunFolder(out, scenario) as folder:
+        view = _view(options, console, scenario.cell_names)
+        view.line(f"run folder {out}, process ids in {out / 'pids.json'}" if endpoint else f"run folder {out}")
+        if endpoint is None:
+            from deploy.run_in_process import run_in_process
+
+            summary, failures = run_in_process(scenario, folder, view, record=not options.no_recording)
+        else:
+            summary, failures = _run_processes(options, scenario, endpoint, folder, view)
+    _report(console, out, summary)
+    for failure in failures:
+        print(f"run_local.py: failed: {failure}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
+    from deploy.live_table import LiveTable, PlainLines, Silence
+
+    if options.quiet:
+        return Silence()
+    return LiveTable(console, cells) if console.is_terminal else PlainLines(console)
+
+
+def _run_processes(
+    options: argparse.Namespace, scenario: Scenario, endpoint: str, folder: Any, view: View
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    from bus.session import free_endpoint, port_of
+    from deploy.launcher import Launcher
+
+    live_port = port_of(free_endpoint()) if options.live else None
+    if live_port is not None:
+        view.line(f"watch it: rerun rerun+http://127.0.0.1:{live_port}/proxy")
+    launcher = Launcher(scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: launcher.interrupt())
+    outcome = launcher.run()
+    return outcome.summary, outcome.failures
+
+
+def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
+    def show(words: str) -> None:
+        console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+    rates = ", ".join(f"{name} {rate:.0%}" for name, rate in (summary["search_rate"] or {}).items())
+    show(f"{summary['status']} after {summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s "
+         f"(real-time factor {summary['real_time_factor']}); searched: {rates}")  # fmt: skip
+    show(f"summary: {out / 'summary.json'}")
+    if (out / "recording.rrd").exists():
+        show(f"recording: rerun {out / 'recording.rrd'}")
+
+
+if __name__ == "__main__":
+    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
+    sys.path[0] = str(ROOT)
+    sys.exit(main())

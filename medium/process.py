@@ -1,0 +1,186 @@
+"""The radio as a process: hosts the router or joins one, gathers what everybody sends in a tick, hands out inboxes.
+
+It has no deadline of its own: it leaves a node out of a tick when the world says so, and only then.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from typing import Final
+
+import msgpack
+
+from bus.codec import WireError
+from bus.lockstep import Gather, Kind, unseal
+from bus.member import LostError, exit_status
+from bus.session import Login, Mailbox, Put, Session, new_token
+from medium.config import MediumConfig
+from medium.core import Medium
+from medium.messages import Transmission
+from world.messages import Departed, Done, Positions
+
+__all__ = ["run"]
+
+_POLL_S: Final = 0.5
+_LINGER_S: Final = 10.0
+_LINGER_ROBOTS_S: Final = 1.0
+_QUIET_S: Final = 0.25
+"""What was routed last has this long to get out of the router's queues."""
+_START_S: Final = 60.0
+
+log = logging.getLogger(__name__)
+
+
+def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> None:
+    """Run the medium until the run ends.
+
+    Args:
+        config: of the radio.
+        login: where the router is, and this process's user.
+        users: passwords by user: host the router at `login.endpoint`. None: join the one that is there.
+
+    Raises:
+        SystemExit: the port is in use, the router can't be reached, or the world was lost (status 3).
+    """
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    with exit_status():
+        session = Session.connect(login) if users is None else Session.host(login, users)
+        with session:
+            Shell(Medium(config), session, hosts=users is not None).run()
+
+
+class Shell:
+    """What moves bytes around a medium core."""
+
+    def __init__(self, core: Medium, session: Session, *, hosts: bool) -> None:
+        self._core, self._session, self._hosts = core, session, hosts
+        self._mailbox = Mailbox()
+        self._positions: Positions | None = None
+        self._gather: Gather[Transmission] = Gather(-1, ())
+        self._ahead: dict[int, Transmission] = {}
+        """Transmissions that overtook their tick's positions."""
+        self._alive: dict[str, set[str]] = {"world": set(), "station": set(), "robot": set()}
+        self._world_seen = False
+        self._stopped = False
+        self._dropped = 0
+        self._put_rx: dict[int, Put] = {}
+        keys = session.keys
+        self._positions_key = keys.positions
+        self._nodes: dict[str, int] = {}
+        self._put_done = session.publisher(keys.done, blocking=True)
+        self._put_final = session.publisher(keys.final("medium"), blocking=True)
+        session.subscribe(self._mailbox, keys.positions, keys.tx("*"))
+        session.watch(self._mailbox, *(keys.alive(role) for role in self._alive))
+        session.declare(new_token("medium"))
+
+    def run(self) -> None:
+        """All ticks, then the end."""
+        since_s = time.monotonic()
+        while not self._stopped:
+            self._receive(_POLL_S)
+            if not self._world_seen and time.monotonic() - since_s > _START_S:
+                raise LostError(f"no world came within {_START_S:g} s")
+            if self._world_seen and not self._alive["world"] and not self._last_words():
+                raise LostError("world is gone")
+        self._put_final(msgpack.packb(self._core.final() | {"malformed": self._dropped}))
+        self._linger()
+
+    def _receive(self, timeout_s: float) -> bool:
+        message = self._mailbox.get(timeout_s)
+        if message is None:
+            if not self._hosts and not self._session.connected():
+                raise LostError("router is gone")
+            return False
+        key, data = message
+        try:
+            if "/alive/" in key:
+                self._token_changed(key, present=data is not None)
+            elif key == self._positions_key:
+                self._world_says(data or b"")
+            else:
+                self._transmitted(key, data or b"")
+        except WireError as error:
+            self._drop(key, error)
+        return True
+
+    def _token_changed(self, key: str, *, present: bool) -> None:
+        role = self._session.keys.token_of(key).role
+        (self._alive[role].add if present else self._alive[role].discard)(key)
+        self._world_seen = self._world_seen or (role == "world" and present)
+
+    def _world_says(self, data: bytes) -> None:
+        kind, _, body = unseal(data)
+        if kind == Kind.STOP:
+            self._stopped = True
+        elif kind == Kind.DEPARTED:
+            departed = Departed.decode(body)
+            if departed.tick == self._gather.tick:
+                self._gather.depart(departed.node)
+                self._step_if_complete()
+        else:
+            self._begin(Positions.decode(body))
+
+    def _begin(self, positions: Positions) -> None:
+        self._positions = positions
+        self._gather = Gather(positions.tick, positions.nodes.tolist())
+        for node, transmission in self._ahead.items():
+            if transmission.tick == positions.tick:
+                self._gather.add(node, transmission)
+        self._ahead.clear()
+        self._step_if_complete()
+
+    def _transmitted(self, key: str, data: bytes) -> None:
+        node = self._nodes.get(key)
+        if node is None:
+            node = self._nodes[key] = self._session.keys.node_of(key)
+        transmission = Transmission.decode(data)
+        if transmission.src != node:
+            # The node itself is waited for all the same: whoever spoke in another's name has not spoken.
+            self._core.reject(len(transmission.frames))
+            raise WireError(f"a transmission of node {transmission.src} on the key of node {node}")
+        if transmission.tick == self._gather.tick:
+            if self._gather.add(node, transmission):
+                self._step_if_complete()
+        elif transmission.tick > self._gather.tick:
+            self._ahead[node] = transmission
+
+    def _step_if_complete(self) -> None:
+        positions = self._positions
+        if self._gather.missing or positions is None:
+            return
+        self._positions = None
+        transmissions = self._gather.messages
+        for node, inbox in self._core.step(positions, transmissions).items():
+            put = self._put_rx.get(node)
+            if put is None:
+                key = self._session.keys.rx(node)
+                put = self._put_rx[node] = self._session.publisher(key, blocking=True)
+            put(inbox.encode())
+        self._put_done(Done(positions.tick, tuple(transmissions)).encode())
+
+    def _drop(self, key: str, error: WireError) -> None:
+        self._dropped += 1
+        if self._dropped == 1:
+            log.warning("dropped a malformed message on %s: %s (further ones are only counted)", key, error)
+
+    # The end
+
+    def _last_words(self) -> bool:
+        """The world's token may drop before its last word comes in; True if that word is `Stop`."""
+        while not self._stopped and self._receive(_POLL_S):
+            pass
+        return self._stopped
+
+    def _linger(self) -> None:
+        """Stay until the others have said what they had to say: the router is here.
+
+        A robot may be stopped and never go, so robots are not waited for as long as world and station are.
+        """
+        since_s = time.monotonic()
+        while (passed_s := time.monotonic() - since_s) < _LINGER_S:
+            waits = self._alive["world"] or self._alive["station"]
+            quiet = not self._receive(_QUIET_S)
+            if quiet and not waits and (not self._alive["robot"] or passed_s > _LINGER_ROBOTS_S):
+                return

@@ -1,0 +1,158 @@
+"""The monitor station as a process: keeps step as a node, keeps its journal, and feeds the recorder.
+
+The recorder is fed after the step's outputs have been sent, so that it delays nobody who waits for this station.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+import msgpack
+
+from agents.messages import Table
+from bus.codec import WireError
+from bus.lockstep import unbatch
+from bus.member import END, Member, exit_status
+from bus.session import Login, Mailbox
+from medium.messages import Inbox, Transmission
+from monitor_station.config import RecorderConfig, StationConfig
+from monitor_station.core import Station
+from world.floor_plan import save_map
+from world.messages import STATION, Event, Sense, Snapshot
+
+if TYPE_CHECKING:
+    from monitor_station.recorder import Recorder
+
+__all__ = ["JOURNAL", "MAP", "RECORDING", "run"]
+
+RECORDING: Final = "recording.rrd"
+JOURNAL: Final = "journal"
+MAP: Final = "map.yaml"
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    config: StationConfig, login: Login, recorder: RecorderConfig | None, out: Path, live_port: int | None = None
+) -> None:
+    """Run the station until the run ends; SIGTERM ends it in good order, its recording closed.
+
+    Args:
+        config: of the station's core.
+        login: as the user `station`.
+        recorder: what to record beside the streams; None = no recording.
+        out: folder for the recording, the journal and, at the end, the merged map.
+        live_port: serve the recording to viewers on this port, too.
+
+    Raises:
+        SystemExit: world, medium or router were lost or never there (status 3), or another living process is the
+            station (status 4).
+    """
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    with exit_status():
+        Shell(config, login, out).run(recorder, live_port)
+
+
+class Shell:
+    """What moves bytes around a station core."""
+
+    def __init__(self, config: StationConfig, login: Login, out: Path) -> None:
+        self._config, self._out = config, out
+        self._journal: IO[bytes] | None = None
+        self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
+        session = self._member.session
+        self._put_final = session.publisher(session.keys.final("station"), blocking=True)
+        self._screen: Screen | None = None
+
+    def run(self, recorder: RecorderConfig | None, live_port: int | None) -> None:
+        """All ticks; whatever ends them, the recording is closed."""
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, lambda *_: self._member.mailbox.put(END))
+        if recorder is not None:
+            self._screen = Screen(self._member, recorder, self._out / RECORDING, live_port)
+        try:
+            self._ticks()
+        finally:
+            # The session first: the router's host waits for this token to drop before it goes.
+            self._member.session.close()
+            if self._screen is not None:
+                self._screen.close()
+            if self._journal is not None:
+                self._journal.close()
+
+    def _ticks(self) -> None:
+        member = self._member
+        station: Station | None = None
+        while (turn := member.turn()) is not None:
+            sense, inbox = turn
+            if station is None:
+                station = self._start(sense)
+            frames, report = station.step(sense, inbox)
+            self._keep(station.journal())
+            member.answer(Transmission(sense.tick, STATION, frames).encode(), report.encode())
+            if self._screen is not None:
+                self._screen.show(station)
+        if station is not None:
+            save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
+            self._put_final(msgpack.packb(station.final() | {"malformed": member.dropped}))
+
+    def _start(self, sense: Sense) -> Station:
+        """The core; after a restart, with what its predecessor had acknowledged."""
+        station = Station(self._config, sense.incarnation, sense.tick)
+        path = self._out / JOURNAL
+        if sense.incarnation > 0 and path.exists():
+            station.restore(path.read_bytes())
+        self._journal = path.open("ab" if sense.incarnation > 0 else "wb", buffering=0)
+        return station
+
+    def _keep(self, entry: bytes) -> None:
+        """Hand the journal to the kernel, which keeps it if this process dies; only a power cut would lose it."""
+        if entry and self._journal is not None:
+            self._journal.write(entry)
+
+
+class Screen:
+    """Feeds the recorder: the station's own view, and what world and robots tell for the recording only."""
+
+    def __init__(self, member: Member[Sense, Inbox], config: RecorderConfig, path: Path, live_port: int | None) -> None:
+        # Only a station that records needs Rerun.
+        from monitor_station.recorder import Recorder
+
+        self._recorder: Recorder = Recorder(config, path, live_port=live_port)
+        self._mailbox = Mailbox()
+        keys = member.session.keys
+        self._feed, self._event = keys.feed, keys.event
+        self._drop: Callable[[str, WireError], None] = member.drop
+        member.session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
+
+    def show(self, station: Station) -> None:
+        """Record one tick and whatever has come in meanwhile."""
+        self._recorder.station(station.view())
+        self._drain()
+
+    def close(self) -> None:
+        """Record what is still under way, and close the file."""
+        self._drain()
+        self._recorder.close()
+
+    def _drain(self) -> None:
+        while (message := self._mailbox.get(0.0)) is not None:
+            key, data = message
+            try:
+                self._take(key, data or b"")
+            except WireError as error:
+                self._drop(key, error)
+
+    def _take(self, key: str, data: bytes) -> None:
+        if key == self._feed:
+            for snapshot in unbatch(data):
+                self._recorder.snapshot(Snapshot.decode(snapshot))
+        elif key == self._event:
+            self._recorder.event(Event.decode(data))
+        else:
+            self._recorder.table(Table.decode(data))

@@ -1,0 +1,176 @@
+"""Who may log in and who may say or hear what, with real Zenoh and a client of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from bus.access import credentials, dictionary, router_config, rules, users_of
+from bus.keys import TABLE, Keys, check_run
+from bus.session import BusError, Login, Mailbox, Session, free_endpoint, new_token, require_free
+
+ROBOTS = 5
+SILENCE_S = 0.3
+
+
+class Bus:
+    """A hosted router with the medium and the world listening, and robot 4."""
+
+    def __init__(self) -> None:
+        self.logins = credentials("access", free_endpoint(), ROBOTS)
+        self.medium = Session.host(self.logins["medium"], users_of(self.logins))
+        self.world = Session.connect(self.logins["world"])
+        self.robot = Session.connect(self.logins["robot-4"])
+        self.sessions = [self.robot, self.world, self.medium]
+        self.at_medium, self.at_world, self.at_robot = Mailbox(), Mailbox(), Mailbox()
+        keys = self.keys = Keys("access")
+        self.medium.subscribe(self.at_medium, keys.tx("*"), keys.positions)
+        self.world.subscribe(self.at_world, keys.motion("*"), keys.done)
+
+    def login(self, user: str) -> Session:
+        session = Session.connect(self.logins[user])
+        self.sessions.insert(0, session)
+        return session
+
+    def arrives(self, mailbox: Mailbox, key: str, data: bytes) -> bool:
+        return mailbox.get(5.0) == (key, data)
+
+    def silent(self, *mailboxes: Mailbox) -> bool:
+        """Nothing came, though what was put later and may pass has come."""
+        key = self.keys.tx(1)
+        # Not robot 4 itself: its own session would hand it its own words.
+        self.login("robot-1").publisher(key, blocking=True)(b"last")
+        return self.arrives(self.at_medium, key, b"last") and all(m.get(SILENCE_S) is None for m in mailboxes)
+
+
+@pytest.fixture
+def bus() -> Iterator[Bus]:
+    made = Bus()
+    yield made
+    for session in made.sessions:
+        session.close()
+
+
+def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
+    keys = bus.keys
+    bus.robot.subscribe(bus.at_robot, keys.sense(4), keys.rx(4))
+    bus.robot.publisher(keys.tx(4), blocking=True)(b"frames")
+    assert bus.arrives(bus.at_medium, keys.tx(4), b"frames")
+    bus.robot.publisher(keys.motion(4), blocking=True)(b"motion")
+    assert bus.arrives(bus.at_world, keys.motion(4), b"motion")
+    bus.world.publisher(keys.sense(4), blocking=True)(b"sense")
+    assert bus.arrives(bus.at_robot, keys.sense(4), b"sense")
+    bus.medium.publisher(keys.rx(4), blocking=True)(b"inbox")
+    assert bus.arrives(bus.at_robot, keys.rx(4), b"inbox")
+    token = new_token("robot", 4)
+    tokens = Mailbox()
+    bus.world.watch(tokens, keys.alive("robot"))
+    bus.robot.declare(token)
+    assert bus.arrives(tokens, keys.token(token), b"")
+
+
+def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
+    keys = bus.keys
+    for key in (keys.tx(5), keys.tx("*"), keys.motion(5), keys.motion(0), keys.positions, keys.done):
+        if "*" not in key:
+            bus.robot.publisher(key, blocking=True)(b"spoof")
+        bus.robot._session.put(key, b"spoof")
+    tokens = Mailbox()
+    bus.world.watch(tokens, keys.alive("robot"))
+    bus.robot.declare(new_token("robot", 5))
+    assert bus.silent(bus.at_medium, bus.at_world, tokens)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "vds/access/radio/5/rx", "vds/access/radio/*/rx", "vds/access/radio/*/tx", "vds/access/@sim/sense/5",
+        "vds/access/@sim/sense/*", "vds/access/@sim/positions", "vds/access/@sim/feed", "vds/access/@sim/**",
+        "vds/access/**", "**",
+    ],
+)  # fmt: skip
+def test_robot_cannot_hear_what_is_not_its_own(bus: Bus, key: str) -> None:
+    keys = bus.keys
+    bus.robot.subscribe(bus.at_robot, key)
+    bus.medium.publisher(keys.rx(5), blocking=True)(b"inbox")
+    for other in (keys.sense(5), keys.positions, keys.feed):
+        bus.world.publisher(other, blocking=True)(b"truth")
+    bus.login("robot-5").publisher(keys.tx(5), blocking=True)(b"frames")
+    seen = {bus.at_medium.get(5.0), bus.at_medium.get(5.0)}
+    assert seen == {(keys.positions, b"truth"), (keys.tx(5), b"frames")}
+    assert bus.silent(bus.at_robot)
+
+
+def test_robot_cannot_command_the_world_but_the_operator_can(bus: Bus) -> None:
+    control = bus.keys.control
+    bus.world.answer(control, str.upper)
+    with pytest.raises(BusError):
+        bus.robot.ask(control, "hold", timeout_s=SILENCE_S)
+    assert bus.login("operator").ask(control, "hold") == "HOLD"
+
+
+def test_stranger_and_wrong_password_are_refused(bus: Bus) -> None:
+    wrong = dataclasses.replace(bus.logins["robot-4"], password="guess")
+    with pytest.raises(BusError, match="robot-4 can't log in"):
+        Session.connect(wrong, timeout_s=0.5)
+    stranger = {
+        "mode": "client",
+        "connect": {"endpoints": [wrong.endpoint], "timeout_ms": 500, "exit_on_failure": True},
+        "scouting": {"multicast": {"enabled": False}},
+    }
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(zenoh.Config.from_json5(json.dumps(stranger)))
+
+
+def test_port_in_use_is_named(bus: Bus) -> None:
+    endpoint = bus.logins["medium"].endpoint
+    port = endpoint.rpartition(":")[2]
+    with pytest.raises(BusError, match=f"port {port} is not free"):
+        Session.host(bus.logins["medium"], users_of(bus.logins))
+    with pytest.raises(BusError, match="endpoint"):
+        require_free("localhost")
+
+
+def test_passwords_are_random_and_do_not_show() -> None:
+    first, second = (credentials("run", "tcp/127.0.0.1:1", 2) for _ in range(2))
+    assert set(first) == {"world", "medium", "operator", "station", "robot-1", "robot-2"}
+    assert len({login.password for logins in (first, second) for login in logins.values()}) == 12
+    assert first["world"].password not in repr(first["world"])
+    assert Login("run", "tcp/127.0.0.1:1", "world", "x") != first["world"]
+    assert dictionary({"b": "2", "a": "1"}) == "a:1\nb:2\n"
+
+
+def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> None:
+    access = rules("run", ["world", "medium", "station", "operator", "robot-1"])
+    assert access["default_permission"] == "deny"
+    by_id = {rule["id"]: rule["key_exprs"] for rule in access["rules"]}
+    assert by_id["robot-1 ingress put"] == [
+        "vds/run/@sim/motion/1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
+    ]  # fmt: skip
+    assert by_id["robot-1 egress put"] == ["vds/run/@sim/sense/1", "vds/run/radio/1/rx"]
+    assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]
+    assert all(row.senders and row.receivers for row in TABLE.values())
+
+
+def test_external_router_gets_the_same_rules() -> None:
+    config = json.loads(router_config("run", "tcp/0.0.0.0:7447", ["world"], Path("users.txt")))
+    assert config["access_control"] == rules("run", ["world"])
+    assert not config["scouting"]["multicast"]["enabled"]
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "a*", "@a", "a b", "a#", "$a"])
+def test_run_name_must_be_one_chunk(name: str) -> None:
+    with pytest.raises(ValueError, match="can't name a run"):
+        check_run(name)
+
+
+def test_keys_are_read_back() -> None:
+    keys = Keys("run")
+    token = new_token("robot", 4)
+    assert keys.token_of(keys.token(token)) == token
+    assert [Keys.node_of(k) for k in (keys.tx(4), keys.rx(5), keys.motion(6), keys.sense(0))] == [4, 5, 6, 0]

@@ -1,0 +1,85 @@
+"""Which process stands for which node: who is there, who may return, and who is refused.
+
+A node can have several processes at a time: one that hangs, and one that was started in its place. The *seat* of a
+node belongs to the process that takes part or, while the node is away, to the one that may come back. Whatever a
+process without a seat says is left aside.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+__all__ = ["Attendance", "Standing"]
+
+
+class Standing(Enum):
+    """How the process in a seat stands."""
+
+    PRESENT = "takes part, or will from the next tick on"
+    PAUSED = "away by schedule, its process stopped"
+    SILENT = "departed as unresponsive, its process still there"
+
+
+class Attendance:
+    """The seats of a run."""
+
+    def __init__(self) -> None:
+        self._seats: dict[int, tuple[int, Standing]] = {}
+        self._arriving: dict[int, bool] = {}
+
+    def came(self, node: int, token: int) -> bool:
+        """A process of `node` showed its token; False if it is refused: another living process is that node."""
+        seat = self._seats.get(node)
+        if seat is not None and seat[0] != token and seat[1] is not Standing.SILENT:
+            return False
+        self._take(node, token, new=True)
+        return True
+
+    def left(self, node: int, token: int) -> bool:
+        """A token of `node` dropped; True if the world core knows that process and must be told."""
+        if not self.seated(node, token):
+            return False
+        del self._seats[node]
+        return self._arriving.pop(node, None) is None
+
+    def seated(self, node: int, token: int) -> bool:
+        """Whether the seat of `node` is this process's."""
+        return node in self._seats and self._seats[node][0] == token
+
+    def heard(self, node: int, token: int) -> None:
+        """The process in the seat spoke out of turn: if it was departed as unresponsive, it has thawed."""
+        if self._seats[node][1] is Standing.SILENT:
+            self._take(node, token, new=False)
+
+    def silent(self, node: int) -> None:
+        """`node` was departed as unresponsive."""
+        self._stand(node, Standing.SILENT)
+
+    def signalled(self, node: int, verb: str) -> None:
+        """The world let a scheduled fault act: kill, stop, cont or spawn."""
+        if verb == "kill":
+            # Its token drops later, and the process that takes its place may be quicker than that.
+            self._seats.pop(node, None)
+            self._arriving.pop(node, None)
+        elif verb == "stop":
+            self._stand(node, Standing.PAUSED)
+        elif verb == "cont":
+            self._stand(node, Standing.PRESENT)
+
+    def token(self, node: int) -> int:
+        """Token of the process in the seat; 0 if there is none."""
+        return self._seats[node][0] if node in self._seats else 0
+
+    def arrivals(self) -> list[tuple[int, bool]]:
+        """(node, new) of everybody who arrived since the last call, ascending."""
+        arrived = sorted(self._arriving.items())
+        self._arriving.clear()
+        return arrived
+
+    def _take(self, node: int, token: int, *, new: bool) -> None:
+        self._seats[node] = (token, Standing.PRESENT)
+        self._arriving[node] = new
+
+    def _stand(self, node: int, standing: Standing) -> None:
+        if node in self._seats:
+            self._seats[node] = (self._seats[node][0], standing)

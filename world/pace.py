@@ -1,0 +1,102 @@
+"""How fast simulated time runs against the wall clock, and the operator's hand on it."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from world.messages import TICK_S
+
+__all__ = ["Pace"]
+
+
+class Pace:
+    """When the next tick may begin; commands come from another thread."""
+
+    def __init__(self, speed: float, now_s: Callable[[], float]) -> None:
+        """Pace of a run.
+
+        Args:
+            speed: simulated seconds per wall second; 0 = as fast as possible.
+            now_s: the wall clock.
+        """
+        self._lock = threading.Lock()
+        self._now_s = now_s
+        self._speed = speed
+        self._steps: int | None = None
+        """Ticks that a held run may still take; None = not held."""
+        self._base: tuple[int, float] | None = None
+        """(tick, wall time) that the schedule counts from; anew after every change."""
+        self.interrupted = False
+
+    def delay_s(self, tick: int) -> float:
+        """Wall time until `tick` may begin; infinite while held."""
+        with self._lock:
+            if self.interrupted:
+                return 0.0
+            if self._steps is not None:
+                return 0.0 if self._steps > 0 else math.inf
+            if self._speed == 0.0:
+                return 0.0
+            now = self._now_s()
+            if self._base is None:
+                self._base = (tick, now)
+            base_tick, base_s = self._base
+            return max(0.0, base_s + (tick - base_tick) * TICK_S / self._speed - now)
+
+    def began(self) -> None:
+        """A tick has begun."""
+        with self._lock:
+            if self._steps:
+                self._steps -= 1
+
+    def interrupt(self) -> None:
+        """End the run at the next tick's end."""
+        self.interrupted = True
+
+    def command(self, line: str, status: Callable[[], dict[str, Any]]) -> str:
+        """Obey `hold`, `step [N]`, `speed F|max`, `interrupt` or `status`; returns JSON."""
+        words = line.split()
+        try:
+            self._obey(words)
+        except ValueError as error:
+            return json.dumps({"error": str(error)})
+        with self._lock:
+            mine = {"held": self._steps is not None, "speed": self._speed or "max", "interrupted": self.interrupted}
+        return json.dumps(status() | mine)
+
+    def _obey(self, words: list[str]) -> None:
+        with self._lock:
+            match words:
+                case ["status"]:
+                    pass
+                case ["hold"]:
+                    self._steps = 0
+                case ["step"]:
+                    self._steps = 1
+                case ["step", count] if count.isdecimal() and int(count) > 0:
+                    self._steps = int(count)
+                case ["speed", value]:
+                    self._speed = _speed(value)
+                    self._steps = self._base = None
+                case ["interrupt"]:
+                    self.interrupted = True
+                case _:
+                    raise ValueError(
+                        f"unknown command {' '.join(words)!r}: hold, step [N], speed F|max, interrupt, status"
+                    )
+
+
+def _speed(text: str) -> float:
+    if text == "max":
+        return 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not (math.isfinite(speed) and speed > 0):
+        raise ValueError(f"speed {text!r} is neither max nor a number above 0")
+    return speed

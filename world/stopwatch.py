@@ -1,0 +1,42 @@
+"""Where the wall time of the ticks goes: durations, and who was waited for last."""
+
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Stopwatch"]
+
+
+class Stopwatch:
+    """Wall time by tick and by process.
+
+    A tick is cut in three: until everybody has moved (on whoever came last), until the medium is done (on the
+    medium), and the rest (on the world itself). Waiting on purpose, for a speed or a hold, is no part of a tick.
+    """
+
+    def __init__(self) -> None:
+        self._ticks_s = array("d")
+        self._blame_s: dict[str, float] = {"world": 0.0, "medium": 0.0}
+
+    def tick(
+        self, begin_s: float, sent_s: float, moved_s: float, done_s: float, end_s: float, last: str | None
+    ) -> None:
+        """Count one tick by its five moments of wall time; `last` is who moved last."""
+        self._ticks_s.append(end_s - begin_s)
+        blame = self._blame_s
+        blame["world"] += sent_s - begin_s + end_s - done_s
+        blame["medium"] += done_s - moved_s
+        if last is not None:
+            blame[last] = blame.get(last, 0.0) + moved_s - sent_s
+
+    def final(self) -> dict[str, Any]:
+        """`tick_ms` {p50, p99} and `tick_blame` (share of the ticks' wall time by process)."""
+        if not self._ticks_s:
+            return {"tick_ms": {"p50": None, "p99": None}, "tick_blame": {}}
+        low, high = np.percentile(np.frombuffer(self._ticks_s, np.float64), (50, 99)) * 1000.0
+        total = sum(self._blame_s.values()) or 1.0
+        shares = {name: round(spent / total, 4) for name, spent in sorted(self._blame_s.items())}
+        return {"tick_ms": {"p50": round(float(low), 3), "p99": round(float(high), 3)}, "tick_blame": shares}
