@@ -172,7 +172,7 @@ class RobotConfig:
     power_smoothing_s: float = 0.0
     """Time constant over which received power is smoothed; 0 = not at all."""
     wall_factor: Annotated[float, Ge(1)] = 1.0
-    """How many times farther away a wall in between makes a neighbor seem: 1 = walls do not matter, inf = they block."""
+    """How many times farther away a wall in between makes a neighbor seem: 1 = no difference, inf = it blocks."""
     policy: str = "vds"
     """Who decides: vds, scout, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)

@@ -34,7 +34,7 @@ from medium.messages import BROADCAST, Frame, Inbox
 from world.config import Lidar, WorldConfig
 from world.core import End, World
 from world.grid import UNKNOWN, GridGeometry
-from world.messages import Event, Motion, Report, Sense, Snapshot, Status
+from world.messages import Event, Motion, Report, Sense, Signal, Snapshot, Status
 
 # Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
@@ -150,6 +150,7 @@ class SmallRun:
         self.processes: dict[str, BaseProcess] = {}
         self.finals: dict[str, dict[str, Any]] = {}
         self.events: list[Event] = []
+        self.signals: list[Signal] = []
         self.snapshots: list[Snapshot] = []
         self._mailbox = Mailbox()
         self._operator: Session | None = None
@@ -161,7 +162,8 @@ class SmallRun:
             if node != absent:
                 self.start_robot(node)
         self._operator = session = Session.connect(self.logins["operator"])
-        session.subscribe(self._mailbox, session.keys.final("*"), session.keys.feed, session.keys.event)
+        session.subscribe(self._mailbox, session.keys.final("*"), session.keys.feed)
+        session.subscribe(self._mailbox, session.keys.event, session.keys.signal)
         self._start("world", world_process, self.world, self.logins["world"])
 
     def start_robot(self, node: int, name: str | None = None, *, good: bool = True) -> None:
@@ -236,6 +238,8 @@ class SmallRun:
             self.finals[chunks[-1]] = msgpack.unpackb(data)
         elif chunks[-1] == "event":
             self.events.append(Event.decode(data))
+        elif chunks[-1] == "signal":
+            self.signals.append(Signal.decode(data))
         else:
             self.snapshots += [Snapshot.decode(snapshot) for snapshot in unbatch(data)]
 

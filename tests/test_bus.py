@@ -170,12 +170,30 @@ def test_pace_follows_speed_hold_and_step() -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["", "speed", "speed 0", "speed -1", "speed nan", "speed inf", "step 0", "step x", "go"]
+    "line",
+    [
+        "",
+        "speed",
+        "speed 0",
+        "speed -1",
+        "speed nan",
+        "speed inf",
+        "step 0",
+        "step x",
+        "go",
+        "fault",
+        "fault x",
+        "fault kill:9@0",
+    ],
 )
 def test_bad_command_changes_nothing_and_says_why(line: str) -> None:
-    pace = Pace(0.0, Clock())
+    pace = Pace(0.0, Clock(), robots=3)
     assert "error" in json.loads(pace.command(line, dict))
     assert pace.delay_s(10**6) == 0.0
+    assert pace.faults() == []
+    pace.command("fault kill:3@0", dict)
+    assert [fault.target for fault in pace.faults()] == ["3"]
+    assert pace.faults() == []
 
 
 def test_blame_is_shared_out() -> None:

@@ -164,3 +164,13 @@ def test_world_that_raises_takes_everybody_with_it() -> None:
         assert codes.pop("world") == 1
         assert "ZeroDivisionError" in run.log("world")
         assert set(codes.values()) == {LOST_STATUS}
+
+
+def test_fault_by_hand_takes_a_robot_out_and_tells_the_launcher() -> None:
+    with small_run() as run:
+        assert "error" in json.loads(run.command("fault kill:7@0"))
+        assert "error" not in json.loads(run.command("fault pause:2@0+3"))
+        run.until(lambda: not run.present(2), "robot 2 paused")
+        run.until(lambda: run.present(2), "robot 2 back")
+        assert json.loads(run.command("status"))["robots"] == [1, 2, 3]
+        assert [(order.node, order.verb) for order in run.signals] == [(2, "stop"), (2, "cont")]

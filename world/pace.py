@@ -1,4 +1,4 @@
-"""How fast simulated time runs against the wall clock, and the operator's hand on it."""
+"""How fast simulated time runs against the wall clock, and what an operator says while it runs."""
 
 from __future__ import annotations
 
@@ -6,26 +6,33 @@ import json
 import math
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
+from world.config import Fault
+from world.faults import check_fault, parse_fault
 from world.messages import TICK_S
 
-__all__ = ["Pace"]
+__all__ = ["COMMANDS", "Pace"]
+
+COMMANDS: Final = "hold, step [N], speed F|max, fault VERB:TARGET@T[+D], interrupt or status"
 
 
 class Pace:
     """When the next tick may begin; commands come from another thread."""
 
-    def __init__(self, speed: float, now_s: Callable[[], float]) -> None:
+    def __init__(self, speed: float, now_s: Callable[[], float], *, robots: int | None = None) -> None:
         """Pace of a run.
 
         Args:
             speed: simulated seconds per wall second; 0 = as fast as possible.
             now_s: the wall clock.
+            robots: how many there are, so that a fault can be checked.
         """
         self._lock = threading.Lock()
         self._now_s = now_s
         self._speed = speed
+        self._robots = robots
+        self._faults: list[Fault] = []
         self._steps: int | None = None
         """Ticks that a held run may still take; None = not held."""
         self._base: tuple[int, float] | None = None
@@ -53,12 +60,18 @@ class Pace:
             if self._steps:
                 self._steps -= 1
 
+    def faults(self) -> list[Fault]:
+        """Faults by hand since the last call."""
+        with self._lock:
+            taken, self._faults = self._faults, []
+        return taken
+
     def interrupt(self) -> None:
         """End the run at the next tick's end."""
         self.interrupted = True
 
     def command(self, line: str, status: Callable[[], dict[str, Any]]) -> str:
-        """Obey `hold`, `step [N]`, `speed F|max`, `interrupt` or `status`; returns JSON."""
+        """Obey one of COMMANDS; returns JSON. A fault acts at the next tick, whatever its own time says."""
         words = line.split()
         try:
             self._obey(words)
@@ -82,12 +95,14 @@ class Pace:
                 case ["speed", value]:
                     self._speed = _speed(value)
                     self._steps = self._base = None
+                case ["fault", text]:
+                    fault = parse_fault(text)
+                    check_fault(fault, self._robots)
+                    self._faults.append(fault)
                 case ["interrupt"]:
                     self.interrupted = True
                 case _:
-                    raise ValueError(
-                        f"unknown command {' '.join(words)!r}: hold, step [N], speed F|max, interrupt, status"
-                    )
+                    raise ValueError(f"unknown command {' '.join(words)!r}, expected {COMMANDS}")
 
 
 def _speed(text: str) -> float:

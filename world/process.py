@@ -63,7 +63,7 @@ class Shell:
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
         self._attendance = Attendance()
-        self._pace = Pace(config.speed, time.monotonic)
+        self._pace = Pace(config.speed, time.monotonic, robots=config.robots)
         self._stopwatch = Stopwatch()
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._done: Done | None = None
@@ -72,6 +72,7 @@ class Shell:
         self._mediums: set[str] = set()
         self._medium_lost = False
         self._snapshots: list[Snapshot] = []
+        self._last: Snapshot | None = None
         self._dropped = 0
         self._nodes = range(config.robots + 1)
         self._open()
@@ -117,11 +118,14 @@ class Shell:
         return json.dumps(self._status() | {"fault": rest})
 
     def _status(self) -> dict[str, Any]:
-        """For an operator: the next tick, or the one that is under way, and who is waited for."""
+        """For an operator: the next tick, or the one that is under way, who is waited for, and how far the run is."""
+        last = self._last
         return {
             "tick": self._core.tick,
             "ticking": self._gather.tick == self._core.tick,
             "waiting_for": [_name(node) for node in sorted(self._gather.missing)],
+            "robots": [] if last is None else last.nodes[last.present == 1].tolist(),
+            "search_rate": [] if last is None else list(last.search_rate),
         }
 
     # One tick
@@ -133,6 +137,8 @@ class Shell:
                 core.interrupt()
                 return Stop(core.tick, "interrupted")
             started_s = time.perf_counter()
+            for fault in self._pace.faults():
+                core.inject(fault)
             begin = core.begin()
             self._pace.began()
             self._send(begin)
@@ -218,6 +224,7 @@ class Shell:
         end = core.end(motions, report if isinstance(report, Report) else None)
         for event in end.events:
             self._put_event(event.encode())
+        self._last = end.snapshot
         self._snapshots.append(end.snapshot)
         if len(self._snapshots) >= FEED_TICKS:
             self._flush()
