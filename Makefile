@@ -52,7 +52,7 @@ endif
 ifneq ($(wildcard deploy/study.py),)
 .PHONY: study
 study: setup
-	$(BIN)/python deploy/study.py $(ARGS)
+	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)
 endif
 
 clean:

@@ -35,6 +35,8 @@ class Router:
         self._sticky = STATION if config.rules.routing.sticky else NOBODY
         self.quiet_until = quiet_until
         """First tick at which a new incarnation sends and learns routes again."""
+        self.inv: list[int] = []
+        """Neighbors whose NMS this node is, ascending (paper, II-A.1)."""
         self.bad_frames = 0
 
     def step(self, tick: int, updates: Sequence[Reception]) -> None:
@@ -44,6 +46,7 @@ class Router:
         self._absorb(tick, updates)
         for gone in self.neighbors.expire(tick):
             self.table.break_via(gone)
+        self.inv = self.neighbors.naming(self.node)
         if self.node != STATION:
             self.ms.step(tick, self._rng)
 
@@ -72,7 +75,6 @@ class Router:
         """Show the table with every column of Fig. 2, for the recording."""
         table = self.table
         ids = sorted(dst for dst in table.freshness if dst != self.node)
-        inv = self.neighbors.naming(self.node)
         return Table(
             tick,
             self.node,
@@ -81,6 +83,6 @@ class Router:
             np.array([table.next_hop[dst] for dst in ids], np.int16),
             np.array([table.hop(dst) for dst in ids], np.uint8),
             np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
-            np.array([dst in inv for dst in ids], np.uint8),
+            np.array([dst in self.inv for dst in ids], np.uint8),
             np.array([table.cls(dst) for dst in ids], np.uint8),
         )

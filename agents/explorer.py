@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import random
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from agents.planner import Planner, Reach
 from world.messages import TICK_S
 
 Place = tuple[float, float]
+
+_NEAR_M: Final = 12.0
+"""Frontiers are first looked for as near as this; mostly that is enough, and always shown to be when it is."""
 
 
 def score(
@@ -86,21 +90,33 @@ class Explorer:
         cells = self._map.frontiers()
         if not cells.size:
             return None
-        reach = self._planner.reach(self._planner.nearest_free(self._map.geometry.index(*at)))
-        lengths = reach.lengths_m(cells)
-        cells, lengths = cells[lengths < math.inf], lengths[lengths < math.inf]
-        if not cells.size:
-            return None
         places = self._map.geometry.centers(cells)
-        worth = score(places, lengths, others_m, self._rules)
         allowed = self._allowed(tick, places)
-        if allowed.any():
-            worth = np.where(allowed, worth, -math.inf)
-        elif self._stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
+        source = self._planner.nearest_free(self._map.geometry.index(*at))
+        for limit_m in (_NEAR_M, math.inf):
+            reach = self._planner.reach(source, limit_m)
+            lengths = reach.lengths_m(cells)
+            reached = np.flatnonzero(lengths < math.inf)
+            open_ = reached[allowed[reached]]
+            if open_.size:
+                worth = score(places[open_], lengths[open_], others_m, self._rules)
+                best = int(np.argmax(worth))
+                # What lies farther than the limit cannot be worth more than this.
+                if worth[best] >= self._rules.utility_m - limit_m:
+                    return self._place(places, open_[best]), reach
+        if not reached.size:
+            return None
+        # Everything is taboo: the best of all, or a walk back after too many stalls in a row.
+        if self._stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
             seconds = self._rng.uniform(self._rules.retreat_min_s, self._rules.retreat_max_s)
             self.retreat_until = tick + ticks(seconds)
-        x, y = places[int(np.argmax(worth))].tolist()
-        return (x, y), reach
+        worth = score(places[reached], lengths[reached], others_m, self._rules)
+        return self._place(places, reached[int(np.argmax(worth))]), reach
+
+    @staticmethod
+    def _place(places: NDArray[np.float64], row: np.int64) -> Place:
+        x, y = places[row].tolist()
+        return x, y
 
     def is_taboo(self, tick: int, place: Place) -> bool:
         """Whether a stall near this place is still remembered."""

@@ -148,9 +148,9 @@ class ForwardingTable:
                 self.freshness[dst] = (self.freshness[dst] >> 8) + 1 << 8
 
     def advertised(self) -> bytes:
-        """The whole table as a run of ROW, ascending by destination."""
+        """Encode the whole table as a run of ROW, in the order in which destinations became known."""
         inherent, pack = self._inherent, ROW.pack
-        return b"".join([pack(dst, freshness, inherent[dst]) for dst, freshness in sorted(self.freshness.items())])
+        return b"".join([pack(dst, freshness, inherent[dst]) for dst, freshness in self.freshness.items()])
 
     def check_invariants(self) -> None:
         """Raise AssertionError if the columns contradict one another."""

@@ -5,6 +5,7 @@ Each payload is one msgpack list whose first field is its kind.
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -14,14 +15,17 @@ from numpy.typing import NDArray
 from bus.codec import WireError, column, integer, pack, unpack
 from world.messages import MAX_NODE, MAX_TICK, NOBODY, sightings
 
-ACK: Final = np.dtype([("robot", "<u2"), ("incarnation", "<u2"), ("number", "<u4")])
-"""Highest scan report of a robot's incarnation that the MS has without a gap."""
+ACK: Final = struct.Struct("<HHI")
+"""Robot, incarnation, number: the highest scan report of a robot's incarnation that the MS has without a gap."""
 
 _U4: Final = np.dtype("<u4")
 _I1: Final = np.dtype("i1")
 _F4: Final = np.dtype("<f4")
 _I2: Final = np.dtype("<i2")
 _U1: Final = np.dtype("u1")
+
+MOST_HOPS: Final = 64
+"""Hops that a scan report may take: a bound on what a moving tree can do to it."""
 
 UPDATE: Final = 1
 SCAN_REPORT: Final = 2
@@ -47,7 +51,7 @@ class Update(NamedTuple):
     rows: bytes
     """A run of agents.forwarding_table.ROW, checked where it is merged."""
     acks: bytes
-    """Raw ACK column that goes with the MS's entry."""
+    """A run of ACK that goes with the MS's entry."""
 
     def encode(self) -> bytes:
         return pack((UPDATE, *self))
@@ -55,7 +59,7 @@ class Update(NamedTuple):
     @classmethod
     def decode(cls, data: bytes) -> Update:
         _, nms, hold, version, rows, acks = unpack(data, 6)
-        if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.itemsize:
+        if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
             raise WireError("table and acknowledgements are raw columns")
         integer(nms, NOBODY, MAX_NODE)
         integer(hold, NOBODY, MAX_NODE)
@@ -71,26 +75,40 @@ class ScanReport:
     incarnation: int
     number: int
     """1, 2, ... within the incarnation."""
-    ttl: int
-    """Hops left: a bound on what a moving tree can do to a report."""
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
     victims: tuple[tuple[int, float, float], ...] = ()
 
     def encode(self) -> bytes:
-        return pack((
-            SCAN_REPORT, self.origin, self.incarnation, self.number, self.ttl,
+        body = pack((
+            self.origin, self.incarnation, self.number,
             self.cells.astype(_U4, copy=False).tobytes(), self.values.astype(_I1, copy=False).tobytes(), self.victims,
         ))  # fmt: skip
+        return pack((SCAN_REPORT, MOST_HOPS, body))
 
     @classmethod
     def decode(cls, data: bytes) -> ScanReport:
-        _, origin, incarnation, number, ttl, cells, values, victims = unpack(data, 8)
+        _, hops_left, body = unpack(data, 3)
+        integer(hops_left, 0, MOST_HOPS)
+        origin, incarnation, number, cells, values, victims = unpack(body, 6)
         indices = column(cells, _U4)
         return cls(
             integer(origin, 0, MAX_NODE), integer(incarnation, 0, MAX_NODE), integer(number, 1, MAX_TICK),
-            integer(ttl, 0, 255), indices, _cell_values(values, len(indices)), sightings(victims),
+            indices, _cell_values(values, len(indices)), sightings(victims),
         )  # fmt: skip
+
+
+def one_hop_on(report: bytes) -> bytes | None:
+    """The payload with which a relay passes an encoded scan report on, unread; None when it has come too far.
+
+    Raises:
+        WireError: not a scan report.
+    """
+    _, hops_left, body = unpack(report, 3)
+    integer(hops_left, 0, MOST_HOPS)
+    if not isinstance(body, bytes):
+        raise WireError("a scan report has a body")
+    return pack((SCAN_REPORT, hops_left - 1, body)) if hops_left else None
 
 
 def _cell_values(raw: object, length: int) -> NDArray[np.int8]:

@@ -10,8 +10,8 @@ import numpy as np
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
 
-_RENEW_TICKS: Final = 20
-"""Only the order of distances matters, and robots need this long for half a metre."""
+_RENEW_TICKS: Final = 50
+"""Only the order of distances matters, and a robot needs longer than this for the margin of an MSR."""
 
 
 class MsDistance:

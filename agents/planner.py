@@ -137,11 +137,11 @@ class Planner:
         distance = (rows - row) ** 2 + (cols - col) ** 2 + np.where(self._map.cells[self._cells] == FREE, 0, 1 << 30)
         return int(self._cells[int(np.argmin(distance))])
 
-    def reach(self, source: int) -> Reach:
-        """Shortest paths from a known free cell (Dijkstra)."""
+    def reach(self, source: int, limit_m: float = math.inf) -> Reach:
+        """Shortest paths from a known free cell (Dijkstra), no farther than `limit_m`; beyond counts as unreachable."""
         self._update()
         n = len(self._cells)
         indptr = np.arange(0, 8 * n + 1, 8, dtype=np.int32)
         graph = csr_array((self._cost_m.ravel(), self._ends.ravel(), indptr), shape=(n, n))
-        lengths, before = dijkstra(graph, indices=int(self._node_of[source]), return_predecessors=True)
+        lengths, before = dijkstra(graph, indices=int(self._node_of[source]), return_predecessors=True, limit=limit_m)
         return Reach(self._cells, self._node_of, lengths, before)

@@ -16,7 +16,6 @@ from bus.codec import WireError
 from medium.messages import BROADCAST, Frame, Inbox, Reception
 from world.messages import NOBODY, Cls, Mode, Motion, Sense, Status
 
-_TTL = 64
 _TABLE_INTERVAL_TICKS = 10
 
 
@@ -69,7 +68,7 @@ class Robot:
                 if kind == UPDATE:
                     updates.append(reception)
                 elif kind == SCAN_REPORT:
-                    self.uplink.carry(ScanReport.decode(reception.payload))
+                    self.uplink.carry(reception.payload)
                 elif kind == MAP_CHUNK:
                     self._take_map(MapChunk.decode(reception.payload))
                 else:
@@ -98,7 +97,7 @@ class Robot:
         victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
         self._victims_seen.update(v[0] for v in victims)
         if cells.size or victims:
-            self.uplink.make(ScanReport(0, 0, 1, _TTL, cells.astype(np.uint32), values, victims))
+            self.uplink.make(ScanReport(0, 0, 1, cells.astype(np.uint32), values, victims))
 
     def _frames(self, tick: int, action: Action) -> tuple[Frame, ...]:
         router = self.body.router
@@ -111,8 +110,7 @@ class Robot:
             frames += [Frame(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]
         else:
             self.uplink.drop_carried()
-        children = router.neighbors.naming(router.node)
-        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, children, router.neighbors)]
+        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, router.inv, router.neighbors)]
         return tuple(frames)
 
     def _status(self, action: Action) -> Status:

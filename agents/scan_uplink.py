@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from agents.config import Reporting
-from agents.messages import ACK, ScanReport
-from bus.codec import column
+from agents.messages import ACK, ScanReport, one_hop_on
 from world.messages import TICK_S
 
 
@@ -37,22 +34,25 @@ class ScanUplink:
         numbered = replace(report, origin=self._node, incarnation=self._incarnation, number=self.made)
         self._unacknowledged[self.made] = numbered.encode()
 
-    def carry(self, report: ScanReport) -> None:
-        """Pass a report on that another robot sent through this one; without a route its origin will send it again."""
-        if report.ttl > 0:
-            self._carried.append(replace(report, ttl=report.ttl - 1).encode())
+    def carry(self, report: bytes) -> None:
+        """Pass a report on that another robot sent through this one; without a route its origin will send it again.
+
+        Raises:
+            WireError: not a scan report.
+        """
+        if (onward := one_hop_on(report)) is not None:
+            self._carried.append(onward)
 
     def acknowledge(self, acks: bytes) -> None:
         """Forget what the MS says that it has."""
         if acks == self._acks:
             return
         self._acks = acks
-        rows = column(acks, ACK)
-        mine = rows[(rows["robot"] == self._node) & (rows["incarnation"] == self._incarnation)]
-        upto = int(np.max(mine["number"], initial=0))
-        for number in [n for n in self._unacknowledged if n <= upto]:
-            del self._unacknowledged[number]
-            self._sent_tick.pop(number, None)
+        for robot, incarnation, upto in ACK.iter_unpack(acks):
+            if robot == self._node and incarnation == self._incarnation:
+                for number in [n for n in self._unacknowledged if n <= upto]:
+                    del self._unacknowledged[number]
+                    self._sent_tick.pop(number, None)
 
     def due(self, tick: int, hops: int) -> list[bytes]:
         """Payloads to send to the NMS now, given a route of `hops`: carried ones, new ones, overdue ones.

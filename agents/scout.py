@@ -113,7 +113,7 @@ class Scout(Vds):
         if factor == 1.0:
             return NOBODY
         router = self.body.router
-        for child in router.neighbors.naming(router.node):
+        for child in router.inv:
             if math.dist(self._next, router.table.location_m(child)) > self.r_out_m:
                 continue
             then = self.predicted_m(self._next, child)

@@ -60,7 +60,7 @@ class Vds:
         """Class, MSR, target, movement: the decision of this tick."""
         router = self.body.router
         before = self.classifier.cls
-        cls = self.classifier.step(self.body.tick, router.neighbors.naming(router.node))
+        cls = self.classifier.step(self.body.tick, router.inv)
         if cls is Cls.RR:
             self._follow_msr()
             self.explorer.rest()

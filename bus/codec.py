@@ -25,12 +25,14 @@ def pack(fields: tuple[Any, ...]) -> bytes:
     return msgpack.packb(fields)  # type: ignore[no-any-return]
 
 
-def unpack(data: bytes, length: int) -> list[Any]:
+def unpack(data: Any, length: int) -> list[Any]:
     """Unpack a message of exactly `length` fields.
 
     Raises:
-        WireError: the data is not msgpack, not a list, or has another number of fields.
+        WireError: the data is not bytes, not msgpack, not a list, or has another number of fields.
     """
+    if type(data) is not bytes:
+        raise WireError("not bytes")
     try:
         fields = msgpack.unpackb(data)
     except (ValueError, msgpack.UnpackException, RecursionError) as error:

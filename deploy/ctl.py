@@ -20,7 +20,8 @@ commands:
   jam A,B S               robots A and B do not hear each other for S simulated seconds
   jam X0,Y0,X1,Y1 S       nobody in that region hears anything for S simulated seconds
   loss P S                every frame is lost with probability P for S simulated seconds
-  hold | step | speed F   hold the run; one tick, then hold; go on at speed F (max: as fast as possible)
+  hold | step [N] | go    hold the run; N ticks (or one), then hold; go on
+  speed F                 go on at F simulated seconds per second (max: as fast as possible)
   interrupt               end the run
 NODE is a robot's id, `station`, or a role such as relay:mid.
 """

@@ -6,11 +6,13 @@ The world is the judge of the run; the launcher only carries out: it decides not
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import signal
 import threading
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -47,6 +49,9 @@ _ANSWER_S: Final = 1.0
 _INTERRUPT_S: Final = 2.0
 """Wall time in which the world ends an interrupted run."""
 _STOP_GRACE_S: Final = 1.5
+_RETURNS: Final = 3
+_RETURNS_IN_S: Final = 10.0
+"""A station that dies more often than that within so much wall time is not started again."""
 _CLOSE_S: Final = 30.0
 """Wall time in which processes close their files after the world's last word: a long recording takes a while."""
 
@@ -111,12 +116,29 @@ class Launcher:
         *,
         record: bool = True,
         live_port: int | None = None,
+        held: bool = False,
     ) -> None:
+        """Prepare a run.
+
+        Args:
+            scenario: what to run.
+            folder: where its files go.
+            endpoint: of the router.
+            view: who is shown what happens.
+            record: leave a recording.
+            live_port: serve the recording to viewers on this port, too.
+            held: begin held, as by the operator's `hold`.
+        """
         self._scenario = scenario
         self._folder = folder
         self._view = view
         self._record = record
         self._live_port = live_port
+        self._held = held
+        self._recording_id = str(uuid.uuid4())
+        self._sent_away: set[str] = set()
+        """Processes that the world had killed."""
+        self._returns_s: deque[float] = deque(maxlen=_RETURNS)
         self._run = run_name(folder.path)
         self._logins = credentials(self._run, endpoint, scenario.robots)
         self._supervisor: Supervisor | None = None
@@ -171,7 +193,8 @@ class Launcher:
     def _start_all_but_one(self, supervisor: Supervisor) -> None:
         users = users_of(self._logins)
         supervisor.start("medium", _medium, self._scenario.medium_config(), self._logins["medium"], users)
-        supervisor.start("world", _world, self._scenario.world_config(), self._logins["world"])
+        world = dataclasses.replace(self._scenario.world_config(), held=self._held)
+        supervisor.start("world", _world, world, self._logins["world"])
         for node in range(self._scenario.robots):
             self._start_node(supervisor, node)
 
@@ -180,7 +203,9 @@ class Launcher:
         if node != STATION:
             supervisor.start(role_name(node), _robot, self._scenario.robot_config(node), login)
             return
-        recorder = self._scenario.recorder_config(self._run) if self._record else None
+        recorder = None
+        if self._record:
+            recorder = dataclasses.replace(self._scenario.recorder_config(self._run), recording_id=self._recording_id)
         station = self._scenario.station_config()
         supervisor.start(role_name(node), _station, station, login, recorder, self._folder.path, self._live_port)
 
@@ -247,6 +272,9 @@ class Launcher:
                 self._lose(str(end), end.name)
             elif not end.by_signal and end.code != LOST_STATUS and self._lost is None:
                 self._fail(str(end), end.name)
+            elif end.name == role_name(STATION) and self._may_return(end):
+                self._view.line(f"{end}; it is started again")
+                self._start_again(STATION)
             elif self._lost is None:
                 self._view.line(str(end))
         if ends and self._supervisor is not None:
@@ -254,6 +282,25 @@ class Launcher:
                 self._give_up_in(_LEAVE_S)
             if "world" not in self._finals:
                 self._view.processes(self._supervisor.pids)
+
+    def _may_return(self, end: Exit) -> bool:
+        """Whether the station is started again: it was killed, but not by the world's order, and the run goes on."""
+        over = self._lost is not None or self._asked_to_stop or "world" in self._finals
+        if not end.by_signal or over or end.name in self._sent_away:
+            return False
+        now_s = time.monotonic()
+        if len(self._returns_s) == _RETURNS and now_s - self._returns_s[0] < _RETURNS_IN_S:
+            self._fail(f"{end.name} died {_RETURNS + 1} times within {_RETURNS_IN_S:g} s", end.name)
+            return False
+        self._returns_s.append(now_s)
+        return True
+
+    def _start_again(self, node: int) -> None:
+        if self._supervisor is not None:
+            self._supervisor.end(role_name(node))
+            self._sent_away.discard(role_name(node))
+            self._start_node(self._supervisor, node)
+            self._show_pids(self._supervisor)
 
     def _fail(self, words: str, name: str | None = None) -> None:
         self._view.line(words)
@@ -307,11 +354,11 @@ class Launcher:
         if supervisor is None:
             return
         if order.verb == "spawn":
-            supervisor.end(name)
-            self._start_node(supervisor, order.node)
-            self._show_pids(supervisor)
-        else:
-            supervisor.signal(name, _SIGNALS[order.verb])
+            self._start_again(order.node)
+            return
+        if order.verb == "kill":
+            self._sent_away.add(name)
+        supervisor.signal(name, _SIGNALS[order.verb])
 
     def _outcome(self, wall_s: float) -> Outcome:
         status: str | None = None

@@ -17,7 +17,10 @@ import numpy as np
 
 from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
 
+from deploy.verdicts import settle
+
 if TYPE_CHECKING:
+    from deploy.past_run import Baseline
     from deploy.scenario import Scenario
 
 __all__ = ["OPERATOR", "RunFolder", "living_launcher"]
@@ -31,8 +34,8 @@ _TICKS_PER_ROW: Final = round(1 / TICK_S)
 class RunFolder:
     """The files of one run; a context manager that closes them."""
 
-    def __init__(self, path: Path, scenario: Scenario) -> None:
-        """Create the folder and its first files.
+    def __init__(self, path: Path, scenario: Scenario, baseline: Baseline | None = None) -> None:
+        """Create the folder and its first files; the summary compares the run with `baseline`.
 
         Raises:
             OSError: the folder can't be made or written.
@@ -42,9 +45,11 @@ class RunFolder:
         self.latest: Snapshot | None = None
         """The last snapshot seen."""
         self._scenario = scenario
+        self._baseline = baseline
         self._progress = _Progress(scenario.cell_names)
         (path / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
-        (path / "summary.json").unlink(missing_ok=True)
+        for old in (path / "summary.json", *path.glob("recording*.rrd")):
+            old.unlink(missing_ok=True)
         self._metrics_file = (path / "metrics.csv").open("w", newline="", encoding="utf-8")
         self._metrics = csv.writer(self._metrics_file)
         self._metrics.writerow([*_COLUMNS, *(f"search_rate_{name}" for name in scenario.cell_names)])
@@ -87,6 +92,8 @@ class RunFolder:
             failures: what went wrong, one line each.
         """
         summary = self._summary(finals, wall_s, status)
+        if self._baseline is not None:
+            self._compare(summary, self._baseline)
         summary["failures"] = list(failures)
         self.flush()
         draft = self.path / "summary.json.part"
@@ -116,14 +123,27 @@ class RunFolder:
             "max_hops": world.get("max_hops", seen.max_hops),
             "scan_reports": self._scan_reports(world, station),
             "victims": {"placed": len(scenario.arena.victims_m), "found": self._victims_found(station)},
+            "robots_at_end": [] if self.latest is None else _places(self.latest),
             "frames": medium.get("frames"),
             "faults": world.get("faults", []),
             "wall_clock_faults": world.get("wall_clock_faults"),
-            "recoveries": world.get("recoveries", []),
+            "recoveries": settle(
+                world.get("recoveries", []), world.get("acknowledged", {}), station.get("complete") if station else None
+            ),
             "tick_ms": world.get("tick_ms"),
             "tick_blame": world.get("tick_blame"),
             "why": world.get("why"),
         }
+
+    @staticmethod
+    def _compare(summary: dict[str, Any], baseline: Baseline) -> None:
+        """What the faults cost: with one fault it is that fault's doing, with several only the sum is known."""
+        lost_s = baseline.lost_s(summary["search_time_s"])
+        summary["compared_with"] = str(baseline.folder)
+        summary["search_time_lost_s"] = lost_s
+        verdicts = summary["recoveries"]
+        for verdict in verdicts:
+            verdict["search_time_lost_s"] = lost_s if len(verdicts) == 1 else None
 
     def _scan_reports(self, world: Mapping[str, Any], station: Mapping[str, Any]) -> dict[str, int | None]:
         told = world.get("scan_reports", {})
@@ -183,6 +203,22 @@ def _row(s: Snapshot) -> list[object]:
         s.reports_buffered,
         len(s.victims_found),
         *(round(rate, 6) for rate in s.search_rate),
+    ]
+
+
+def _places(s: Snapshot) -> list[dict[str, Any]]:
+    """Where the robots truly were, and their routes."""
+    return [
+        {
+            "robot": int(s.nodes[row]),
+            "x_m": round(float(s.xy_m[row, 0]), 2),
+            "y_m": round(float(s.xy_m[row, 1]), 2),
+            "present": bool(s.present[row]),
+            "class": Cls(int(s.cls[row])).name,
+            "hops": None if s.hops[row] == UNREACHABLE else int(s.hops[row]),
+            "nms": None if s.nms[row] < 0 else int(s.nms[row]),
+        }
+        for row in range(len(s.nodes))
     ]
 
 

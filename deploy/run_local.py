@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from deploy.live_table import View
+    from deploy.past_run import Baseline
     from deploy.scenario import Scenario
 
 ROOT: Final = Path(__file__).resolve().parent.parent
@@ -43,9 +44,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = _Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
     p.add_argument("--robots", type=int, metavar="N", help="how many robots (default: the scenario's)")
-    p.add_argument(
-        "--scenario", default="three_cells", metavar="NAME|FILE", help="a name, a .toml file or a map's .yaml"
-    )
+    p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
     p.add_argument("--radius", type=float, metavar="M", help="transmission radius r_t in metres")
     p.add_argument("--seed", type=int, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
@@ -53,6 +52,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's)")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
     p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
+    p.add_argument(
+        "--replay-faults", type=Path, metavar="RUN_DIR",
+        help="all that befell an earlier run, by schedule or by hand (and its scenario, unless --scenario is given)",
+    )  # fmt: skip
+    p.add_argument(
+        "--compare", type=Path, metavar="RUN_DIR", help="a run without the fault: the summary tells the time lost"
+    )
+    p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/SCENARIO-TIME)")
     p.add_argument("--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one)")
     p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
@@ -68,12 +75,13 @@ def main(arguments: list[str] | None = None) -> int:
     _require_modules()
     try:
         scenario = _scenario(options)
+        baseline = _baseline(options.compare, scenario)
         endpoint = None if options.in_process else _endpoint(options.port)
         out = _folder(options.out, scenario.name)
     except BadInputError as error:
         print(f"run_local.py: {error}", file=sys.stderr)
         return 2
-    return _run(options, scenario, endpoint, out)
+    return _run(options, scenario, baseline, endpoint, out)
 
 
 def _require_modules() -> None:
@@ -94,8 +102,10 @@ def _require_modules() -> None:
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
+    from deploy.past_run import faults_of
     from deploy.scenario import load, parse_set
 
+    replay: Path | None = options.replay_faults
     given = {
         "robots": options.robots,
         "radius_m": options.radius,
@@ -108,9 +118,21 @@ def _scenario(options: argparse.Namespace) -> Scenario:
     try:
         overrides = dict(parse_set(text) for text in options.set)
         overrides |= {key: value for key, value in given.items() if value is not None}
-        return load(options.scenario, overrides)
+        if replay is None:
+            return load(options.scenario or "three_cells", overrides)
+        overrides["fault"] = faults_of(replay) + options.fault
+        return load(options.scenario or replay / "scenario.toml", overrides, own_faults=False)
     except ValueError as error:
         raise BadInputError(str(error)) from error
+
+
+def _baseline(folder: Path | None, scenario: Scenario) -> Baseline | None:
+    from deploy.past_run import Baseline
+
+    try:
+        return None if folder is None else Baseline.of(folder, scenario)
+    except ValueError as error:
+        raise BadInputError(f"--compare: {error}") from error
 
 
 def _speed(text: str | None) -> str | float | None:
@@ -160,13 +182,15 @@ def _new_folder(parent: Path, name: str) -> Path:
     return path
 
 
-def _run(options: argparse.Namespace, scenario: Scenario, endpoint: str | None, out: Path) -> int:
+def _run(
+    options: argparse.Namespace, scenario: Scenario, baseline: Baseline | None, endpoint: str | None, out: Path
+) -> int:
     from rich.console import Console
 
     from deploy.run_folder import RunFolder
 
     console = Console(stderr=False, quiet=options.quiet)
-    with RunFolder(out, scenario) as folder:
+    with RunFolder(out, scenario, baseline) as folder:
         view = _view(options, console, scenario.cell_names)
         view.line(f"run folder {out}, process ids in {out / 'pids.json'}" if endpoint else f"run folder {out}")
         if endpoint is None:
@@ -198,7 +222,10 @@ def _run_processes(
     live_port = port_of(free_endpoint()) if options.live else None
     if live_port is not None:
         view.line(f"watch it: rerun rerun+http://127.0.0.1:{live_port}/proxy")
-    launcher = Launcher(scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port)
+    launcher = Launcher(
+        scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
+        held=options.hold,
+    )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: launcher.interrupt())
     outcome = launcher.run()
@@ -213,8 +240,8 @@ def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
     show(f"{summary['status']} after {summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s "
          f"(real-time factor {summary['real_time_factor']}); searched: {rates}")  # fmt: skip
     show(f"summary: {out / 'summary.json'}")
-    if (out / "recording.rrd").exists():
-        show(f"recording: rerun {out / 'recording.rrd'}")
+    if parts := sorted(out.glob("recording*.rrd")):
+        show(f"recording: rerun {parts[0] if len(parts) == 1 else out / 'recording*.rrd'}")
 
 
 if __name__ == "__main__":

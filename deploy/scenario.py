@@ -145,18 +145,21 @@ class Scenario:
         return text
 
 
-def load(source: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_faults: bool = True) -> Scenario:
     """Load a scenario and check all of it.
 
     Args:
         source: name of a scenario in deploy/scenarios, path of a .toml file, or path of a ROS map's .yaml file.
         overrides: values by dotted key, such as {"radio.loss": 0.1}, put in before anything is checked. Those of
             "fault", a list of tables or of texts as the command line has them, are added to the scenario's own.
+        own_faults: False leaves out the faults that the source itself has.
 
     Raises:
         ScenarioError: with one line that names the file, the key, and what would be right.
     """
     raw, path = _read(str(source))
+    if not own_faults:
+        raw.pop("fault", None)
     try:
         for key, value in (overrides or {}).items():
             _put(raw, key, value)

@@ -5,25 +5,21 @@ Only this process writes results, so workers need no shared disk; one that is lo
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import signal
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from typing import Final, Protocol
+from typing import Any, Protocol
 
 from deploy.study_plan import Point
 from deploy.study_run import Engine, Finished, end_with, failed_row, one_thread, run_point
 
 __all__ = ["DaskCluster", "Execution", "LocalPool"]
-
-_LOSSES: Final = 2
-"""A run in whose company this many workers died is recorded as failed, not tried again."""
 
 
 class Workers(Protocol):
@@ -63,12 +59,12 @@ class LocalPool:
     def close(self) -> None:
         # Workers go when the pipe does: a shutdown alone would wait for runs of minutes.
         self._lifeline.close()
+        self._held.close()
         self._executor.shutdown(wait=False, cancel_futures=True)
 
     def _open(self) -> None:
-        held, self._lifeline = self._context.Pipe(duplex=False)
-        self._held = held
-        self._executor = ProcessPoolExecutor(self._workers, self._context, _begin_worker, (held,))
+        self._held, self._lifeline = self._context.Pipe(duplex=False)
+        self._executor = ProcessPoolExecutor(self._workers, self._context, _begin_worker, (self._held,))
 
 
 class DaskCluster:
@@ -82,9 +78,10 @@ class DaskCluster:
         Raises:
             OSError: nobody answers at that address.
         """
-        from distributed import Client
+        import distributed
 
-        self._client = Client(address, timeout="10s")
+        connect: Any = distributed.Client
+        self._client = connect(address, timeout="10s")
         # Not `pure`: Dask would take equal arguments for a result that it has; failures are our own rows.
         self._executor: Executor = self._client.get_executor(pure=False)
 
@@ -115,41 +112,45 @@ class Execution:
     engine: Engine
     series_step_s: int
     run: Callable[[str, str, str, Engine, int], Finished] = run_point
+    _suspects: set[str] = field(default_factory=set)
+    """Keys of runs in whose company a worker died."""
 
     def results(self, points: Sequence[Point]) -> Iterator[tuple[Point, Finished]]:
         """Run all points; yields each as it ends, in whatever order that is."""
         todo = deque(points)
-        losses: Counter[str] = Counter()
         running: dict[Future[Finished], Point] = {}
         while todo or running:
             lost = not self._hand_over(todo, running)
             done = set(running) if lost else wait(running, return_when=FIRST_COMPLETED).done
-            again: list[Point] = []
+            victims: list[Point] = []
             for future in done:
                 point = running.pop(future)
                 finished = self._outcome(future, point)
                 if finished is None:
-                    lost = True
-                    again.append(point)
+                    victims.append(point)
                 else:
+                    self._suspects.discard(point.key)
                     yield point, finished
-            if lost:
-                # The pool does not say whose worker died, so everybody in hand is under suspicion.
-                again += running.values()
-                running.clear()
-                for point in again:
-                    losses[point.key] += 1
-                    if losses[point.key] < _LOSSES:
-                        todo.appendleft(point)
-                    else:
-                        yield point, self._lost(point, "its worker process died")
-                self.workers.renew()
+            if not lost and not victims:
+                continue
+            victims += running.values()
+            running.clear()
+            self.workers.renew()
+            # A broken pool does not say whose worker died: each run that was in hand is tried once more, alone.
+            for point in victims:
+                if point.key in self._suspects:
+                    yield point, self._lost(point, "its worker process died, twice")
+                else:
+                    todo.appendleft(point)
+            self._suspects.update(point.key for point in victims)
 
     def _hand_over(self, todo: deque[Point], running: dict[Future[Finished], Point]) -> bool:
         """Fill the workers; False if they are broken."""
         room = self.workers.at_once
         while todo and (room is None or len(running) < room):
             point = todo[0]
+            if running and (point.key in self._suspects or any(p.key in self._suspects for p in running.values())):
+                break
             arguments = (point.key, point.variant, point.toml, self.engine, self.series_step_s)
             try:
                 running[self.workers.executor.submit(self.run, *arguments)] = point
@@ -160,16 +161,14 @@ class Execution:
 
     def _outcome(self, future: Future[Finished], point: Point) -> Finished | None:
         """What a future holds; None if its worker was lost."""
-        with contextlib.suppress(BrokenProcessPool):
-            if not future.done():
-                return None
-            try:
-                return future.result()
-            except BrokenProcessPool:
-                raise
-            except Exception as error:  # such as Dask's KilledWorker: the study goes on without this run
-                return self._lost(point, f"{type(error).__name__}: {error}")
-        return None
+        if not future.done():
+            return None
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            return None
+        except Exception as error:  # such as Dask's KilledWorker: the study goes on without this run
+            return self._lost(point, f"{type(error).__name__}: {error}")
 
     def _lost(self, point: Point, words: str) -> Finished:
         return Finished(failed_row(point.key, point.variant, point.toml, self.engine, words), {})

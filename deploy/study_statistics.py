@@ -20,16 +20,16 @@ from deploy.arena import Arena
 from deploy.scenario import Scenario
 from deploy.study_plan import Discard
 from deploy.study_run import ERROR
-from world.geometry import line_of_sight
+from world.geometry import walls_crossed
 
 __all__ = [
-    "Band", "Bounds", "Estimate", "bounds_of", "estimate", "goes_first", "kept", "mean_rates", "usable",
+    "ALL", "Band", "Bounds", "Estimate", "bounds_of", "estimate", "goes_first", "kept", "mean_rates", "usable",
 ]  # fmt: skip
 
 ALL: Final = "search_time_s.all"
 
 _SWEEP_S: Final = (25.0, 40.0)
-"""What it takes beyond the straight walk to see the last corner (PROCEDURE 8, measured with an independent prototype)."""
+"""What it takes beyond the straight walk to see the last corner, as an independent prototype measured it."""
 
 Row = Mapping[str, Any]
 
@@ -71,7 +71,7 @@ class Bounds:
     def t_low_s(self) -> tuple[float, float]:
         """T_low, from and to: a lone robot that walks straight to where it sees the farthest point, plus the sweep.
 
-        No placing of the robots can be faster than the walk; what the sweep takes depends on the rooms, so it is a band.
+        Nobody can be faster than the walk; what the sweep takes depends on the rooms, so this is a band.
         """
         walk_s = (self.farthest_m - self.lidar_m) / self.speed_m_s
         return walk_s + _SWEEP_S[0], walk_s + _SWEEP_S[1]
@@ -188,8 +188,7 @@ def _walkable(arena: Arena) -> Any:
         ends.append(number[r[passable] + dr, c[passable] + dc])
         weights.append(np.full(int(passable.sum()), math.hypot(dr, dc) * arena.geometry.resolution_m))
     a, b, w = map(np.concatenate, (starts, ends, weights))
-    graph = csr_array((np.r_[w, w], (np.r_[a, b], np.r_[b, a])), shape=(free.size, free.size))
-    return graph
+    return csr_array((np.r_[w, w], (np.r_[a, b], np.r_[b, a])), shape=(free.size, free.size))
 
 
 def _taut_m(arena: Arena, before: NDArray[np.int32], cell: int) -> float:
@@ -197,12 +196,12 @@ def _taut_m(arena: Arena, before: NDArray[np.int32], cell: int) -> float:
     path = [cell]
     while before[path[-1]] >= 0:
         path.append(int(before[path[-1]]))
-    places = [arena.geometry.center(index) for index in path]
+    places = arena.geometry.centers(np.array(path))
     length_m, at = 0.0, 0
     while at < len(places) - 1:
-        step = len(places) - 1
-        while step > at + 1 and not line_of_sight(arena.occupied, arena.geometry, places[at], places[step]):
-            step -= 1
+        ahead = places[at + 1 :]
+        seen = walls_crossed(arena.occupied, arena.geometry, np.broadcast_to(places[at], ahead.shape), ahead) == 0
+        step = at + 1 + int(np.flatnonzero(seen)[-1])
         length_m += math.dist(places[at], places[step])
         at = step
     return length_m

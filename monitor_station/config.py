@@ -42,3 +42,5 @@ class RecorderConfig:
     search_cells: tuple[SearchCell, ...]
     cell_rectangles_m: tuple[tuple[float, float, float, float], ...]
     """x0, y0, x1, y1 of each search cell, for its label."""
+    recording_id: str = ""
+    """What makes the parts of one run's recording one; empty: a part of its own."""

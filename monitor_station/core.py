@@ -56,8 +56,9 @@ class Station:
         here = sense.x_m, sense.y_m
         self.router.announce_self(tick, here, Cls.RR, here)
         report = Report(
-            tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims))
-        )
+            tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims)),
+            silent=tick < self.router.quiet_until,
+        )  # fmt: skip
         return self._frames(tick), report
 
     def _sort(self, inbox: Inbox | None) -> tuple[list[ScanReport], list[Reception]]:
@@ -105,8 +106,7 @@ class Station:
             return ()
         update = Update(NOBODY, NOBODY, self.downlink.version, router.table.advertised(), self.merger.acks())
         frames = [Frame(BROADCAST, update.encode())]
-        children = router.neighbors.naming(router.node)
-        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, children, router.neighbors)]
+        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, router.inv, router.neighbors)]
         return tuple(frames)
 
     def view(self) -> StationView:
@@ -129,21 +129,23 @@ class Station:
         """What this step merged; it must be on disk before the step's frames, which acknowledge it, are sent."""
         return b"".join(self._journal)
 
-    def restore(self, journal: bytes) -> None:
-        """Take in the journal of earlier incarnations, before the first step. A record cut off at its end is ignored:
-        it was never acknowledged.
+    def restore(self, journal: bytes) -> int:
+        """Take in the journal of earlier incarnations, before the first step.
+
+        Returns:
+            The length of what is whole. A record cut off at the end was never acknowledged: cut it off the file too.
         """
-        at, end = 0, len(journal)
-        while at + _RECORD.size <= end:
-            tick, length = _RECORD.unpack_from(journal, at)
-            at += _RECORD.size
-            if at + length > end:
+        whole = 0
+        while (start := whole + _RECORD.size) <= len(journal):
+            tick, length = _RECORD.unpack_from(journal, whole)
+            if start + length > len(journal):
                 break
-            self._merge(tick, ScanReport.decode(journal[at : at + length]))
-            at += length
+            self._merge(tick, ScanReport.decode(journal[start : start + length]))
+            whole = start + length
         self._journal.clear()
         known = np.flatnonzero(self.merger.cells >= 0)
         self._changed = known, self.merger.cells[known]
+        return whole
 
     def final(self) -> dict[str, Any]:
         """Counts at the end of the run, JSON types."""
@@ -154,6 +156,7 @@ class Station:
             "search_time_s": dict(zip(names, times, strict=True))
             | {"all": max(everything) if everything and len(everything) == len(times) else None},
             "merged": self.merger.merged,
+            "complete": self.merger.complete,
             "victims_found": sorted(self.merger.victims),
             "bad_frames": self.bad_frames + self.router.bad_frames,
         }

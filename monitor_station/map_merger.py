@@ -47,7 +47,11 @@ class MapMerger:
         np.maximum.at(self.cells, report.cells, report.values)
         return changed, self.cells[changed]
 
+    @property
+    def complete(self) -> dict[str, int]:
+        """By "robot/incarnation": the highest report number that is here without a gap."""
+        return {f"{robot}/{incarnation}": number for (robot, incarnation), number in sorted(self._complete.items())}
+
     def acks(self) -> bytes:
-        """Raw ACK column: per robot incarnation the highest report number that is here without a gap."""
-        rows = [(robot, incarnation, number) for (robot, incarnation), number in sorted(self._complete.items())]
-        return np.array(rows, ACK).tobytes()
+        """A run of ACK: per robot incarnation the highest report number that is here without a gap."""
+        return b"".join([ACK.pack(*source, number) for source, number in sorted(self._complete.items())])

@@ -58,6 +58,15 @@ def run(
         Shell(config, login, out).run(recorder, live_port)
 
 
+def next_part(out: Path) -> Path:
+    """Where this process records: a station that was restarted goes on in recording-2.rrd, and so on."""
+    path, part = out / RECORDING, 1
+    while path.exists():
+        part += 1
+        path = out / RECORDING.replace(".", f"-{part}.")
+    return path
+
+
 class Shell:
     """What moves bytes around a station core."""
 
@@ -74,7 +83,7 @@ class Shell:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda *_: self._member.mailbox.put(END))
         if recorder is not None:
-            self._screen = Screen(self._member, recorder, self._out / RECORDING, live_port)
+            self._screen = Screen(self._member, recorder, next_part(self._out), live_port)
         try:
             self._ticks()
         finally:
@@ -105,15 +114,19 @@ class Shell:
         """The core; after a restart, with what its predecessor had acknowledged."""
         station = Station(self._config, sense.incarnation, sense.tick)
         path = self._out / JOURNAL
+        whole = 0
         if sense.incarnation > 0 and path.exists():
-            station.restore(path.read_bytes())
-        self._journal = path.open("ab" if sense.incarnation > 0 else "wb", buffering=0)
+            whole = station.restore(path.read_bytes())
+            log.info("back with %d scan reports from the journal", station.merger.merged)
+        self._journal = path.open("ab", buffering=0)
+        self._journal.truncate(whole)
         return station
 
     def _keep(self, entry: bytes) -> None:
         """Hand the journal to the kernel, which keeps it if this process dies; only a power cut would lose it."""
-        if entry and self._journal is not None:
-            self._journal.write(entry)
+        assert self._journal is not None
+        while entry:
+            entry = entry[self._journal.write(entry) :]
 
 
 class Screen:

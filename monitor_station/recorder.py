@@ -35,7 +35,7 @@ _FEW_ROBOTS: Final = 12
 """Up to here tables and graph are shown as often as they change."""
 
 
-_EVENT_PATHS: Final = {"fault": "fault", "drop": "fault", "link": "link", "role": "link"}
+_EVENT_PATHS: Final = {"fault": "fault", "drop": "fault", "recovery": "fault", "link": "link", "role": "link"}
 
 
 class Rows:
@@ -81,7 +81,9 @@ class Recorder:
         path.open("wb").close()
         self._config = config
         self._rec = rr.RecordingStream(
-            "vds", batcher_config=rr.ChunkBatcherConfig(flush_tick=2.0, flush_num_bytes=8 << 20)
+            "vds",
+            recording_id=config.recording_id or None,
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=2.0, flush_num_bytes=8 << 20),
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)

@@ -71,7 +71,7 @@ class RobotSpeaker(Speaker):
 
 
 class StationSpeaker(Speaker):
-    merger = SimpleNamespace(cells=np.full(GRID.size, UNKNOWN, np.int8))
+    merger = SimpleNamespace(cells=np.full(GRID.size, UNKNOWN, np.int8), merged=0)
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Report]:
         return self._frames(inbox), Report(sense.tick, False, (0.0,), 0)
@@ -79,8 +79,9 @@ class StationSpeaker(Speaker):
     def journal(self) -> bytes:
         return b"."
 
-    def restore(self, journal: bytes) -> None:
+    def restore(self, journal: bytes) -> int:
         assert set(journal) == {ord(".")}
+        return len(journal)
 
     def final(self) -> dict[str, Any]:
         return {"spoke": True}

@@ -22,7 +22,7 @@ NOWHERE = (0.0, 0.0, 0.0, 0.0)
 
 
 def report(cells: list[int], value: int = FREE) -> ScanReport:
-    return ScanReport(0, 0, 1, 64, np.array(cells, np.uint32), np.full(len(cells), value, np.int8))
+    return ScanReport(0, 0, 1, np.array(cells, np.uint32), np.full(len(cells), value, np.int8))
 
 
 @settings(max_examples=50, deadline=None)
@@ -85,7 +85,7 @@ def test_a_gap_is_not_acknowledged() -> None:
 def test_occupied_beats_free_beats_unknown_in_any_order(reports: list[ScanReport]) -> None:
     merger = MapMerger(GEOMETRY, NOWHERE)
     for k, one in enumerate(reports):
-        merger.take(ScanReport(1, 0, k + 1, 64, one.cells, one.values))
+        merger.take(ScanReport(1, 0, k + 1, one.cells, one.values))
     assert merger.cells[:6].tolist() == [UNKNOWN, FREE, OCCUPIED, OCCUPIED, FREE, UNKNOWN]
 
 

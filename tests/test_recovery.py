@@ -12,6 +12,8 @@ from world.messages import NOBODY, UNREACHABLE, Snapshot
 from world.recovery import Recoveries
 
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
+UNTOUCHED = {"departed": False, "incarnation": 0, "reports_before": 0, "reports_made": 0, "reports_discarded": 0}
+"""What stands of an orphan that lived on and made no scan report."""
 
 
 def shown(tick: int, nms: Mapping[int, int], absent: tuple[int, ...] = ()) -> Snapshot:
@@ -48,7 +50,7 @@ class Watch:
     ) -> None:
         for _ in range(count):
             now = shown(self.last.tick + 1, {**CHAIN, **(changes or {})}, absent)
-            self.recoveries.update(self.last, now, station_present=station)
+            self.recoveries.update(self.last, now, station_speaks=station)
             self.last = now
 
     def verdict(self) -> dict[str, object]:
@@ -73,8 +75,8 @@ def test_orphans_of_a_relay_notice_and_recover() -> None:
         "recovered": True,
         "robot_seconds_without_path": pytest.approx(0.8 + 1.2),
         "orphans": [
-            {"robot": 3, "detected_s": 0.5, "recovered_s": 0.8, "departed": False},
-            {"robot": 4, "detected_s": 0.5, "recovered_s": 1.2, "departed": False},
+            {"robot": 3, "detected_s": 0.5, "recovered_s": 0.8, **UNTOUCHED},
+            {"robot": 4, "detected_s": 0.5, "recovered_s": 1.2, **UNTOUCHED},
         ],
     }
 
@@ -160,7 +162,7 @@ def test_loss_has_those_who_lose_their_route_while_it_lasts() -> None:
     watch.ticks(7)
     watch.ticks(2, {5: NOBODY})
     verdict = watch.recoveries.verdicts()[0]
-    assert verdict["orphans"] == [{"robot": 4, "detected_s": 0.3, "recovered_s": 0.5, "departed": False}]
+    assert verdict["orphans"] == [{"robot": 4, "detected_s": 0.3, "recovered_s": 0.5, **UNTOUCHED}]
 
 
 def test_an_unscheduled_kill_that_turns_out_a_restart() -> None:

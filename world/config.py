@@ -74,3 +74,5 @@ class WorldConfig:
     return_deadline_s: float = 30.0
     speed: float = 0.0
     """Simulated seconds per wall second; 0 = as fast as possible."""
+    held: bool = False
+    """No tick begins before the operator says `step` or `speed`."""

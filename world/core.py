@@ -135,7 +135,7 @@ class World:
             return
         took = "its last tick counted" if counted else "its last tick did not count"
         self._log(node, f"{_name(node)}: {cause}; {took}", fault_form(entry))
-        self._recoveries.begin(entry, node, since, self._snapshot)
+        self._recoveries.begin(entry, node, since, self._snapshot, self._reports())
 
     def inject(self, fault: Fault) -> None:
         """A fault by hand: it acts at the next `begin()`, whatever its own time says.
@@ -188,8 +188,11 @@ class World:
                 self._statuses[node - 1] = motions[node].status
         before, self._snapshot = self._snapshot, self._photograph(report)
         self._count()
-        self._recoveries.update(before, self._snapshot, station_present=self._roster.present(STATION))
-        events = (*self._events, *changes(before, self._snapshot, self._config.cell_names))
+        verdicts: tuple[Event, ...] = ()
+        if self._recoveries.watching:
+            speaks = report is not None and not report.silent
+            verdicts = self._recoveries.update(before, self._snapshot, station_speaks=speaks, reports=self._reports())
+        events = (*self._events, *changes(before, self._snapshot, self._config.cell_names), *verdicts)
         self._events = []
         self._move(motions)
         stop = self._judge(report)
@@ -220,6 +223,11 @@ class World:
                 "buffered": sum(s.reports_buffered for s in present),
                 "discarded": sum(self._discarded_before) + sum(s.reports_discarded for s in statuses),
             },
+            "acknowledged": {
+                str(node): [self._roster.incarnation(node), s.reports_made - s.reports_buffered]
+                for node, s in enumerate(statuses, 1)
+                if self._roster.present(node)
+            },
             "faults": [fault_form(fault) for fault in self._roster.faults],
             "wall_clock_faults": self._roster.unscheduled,
             "recoveries": self._recoveries.verdicts(),
@@ -235,8 +243,10 @@ class World:
         for node, entry in joined:
             if entry is not None:
                 self._recoveries.replace(entry.was, entry.now)
-            if tick > 0:
-                self._log(node, f"{_name(node)} is back", {} if entry is None else fault_form(entry.now))
+            if tick > 0 and entry is None:
+                self._log(node, f"{_name(node)} is back", {})
+            elif tick > 0 and entry is not None:
+                self._log(node, f"{_name(node)} is back ({describe(entry.now)})", fault_form(entry.now))
         return signals
 
     def _act(self, tick: int) -> list[Signal]:
@@ -259,7 +269,7 @@ class World:
                 self._losses.append((until, fault.probability))
             self._roster.faults.append(fault)
             self._log(NOBODY, describe(fault), fault_form(fault))
-            self._recoveries.begin(fault, NOBODY, tick, self._snapshot)
+            self._recoveries.begin(fault, NOBODY, tick, self._snapshot, self._reports())
             return ()
         node = resolve(fault.target, self._snapshot, self._config.station_m, self._choice)
         if node is None:
@@ -271,7 +281,7 @@ class World:
             return ()
         acted = self._roster.faults[-1]
         self._log(node, f"{describe(fault)} ({_name(node)})", fault_form(acted))
-        self._recoveries.begin(acted, node, tick, self._snapshot)
+        self._recoveries.begin(acted, node, tick, self._snapshot, self._reports())
         return signals
 
     def _jams_of(self, tick: int) -> tuple[Jam, ...]:
@@ -284,6 +294,10 @@ class World:
 
     def _log(self, node: int, text: str, data: dict[str, Any]) -> None:
         self._events.append(Event(self.tick, "fault", node, text, data))
+
+    def _reports(self) -> list[tuple[int, Status]]:
+        """Incarnation and last status of every robot."""
+        return [(self._roster.incarnation(node), status) for node, status in enumerate(self._statuses, 1)]
 
     # The end of a tick
 

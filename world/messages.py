@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +57,7 @@ class Mode(IntEnum):
     """Stands still (no target, or a rule of the policy holds it)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sense:
+class Sense(NamedTuple):
     """What one node senses at a tick. The station gets one too; its scan is None."""
 
     tick: int
@@ -75,7 +74,7 @@ class Sense:
 
     def encode(self) -> bytes:
         ranges = None if self.ranges_m is None else self.ranges_m.astype(_F8, copy=False).tobytes()
-        return pack((self.tick, self.first, self.incarnation, self.x_m, self.y_m, ranges, self.victims))
+        return pack((*self[:5], ranges, self.victims))
 
     @classmethod
     def decode(cls, data: bytes) -> Sense:
@@ -106,8 +105,7 @@ def sightings(raw: Any) -> tuple[tuple[int, float, float], ...]:
     return tuple(out)
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(NamedTuple):
     """A robot's own view of itself; for fault targets, logs, live table and recording only."""
 
     cls: int = Cls.SR
@@ -122,12 +120,6 @@ class Status:
     reports_buffered: int = 0
     reports_discarded: int = 0
 
-    def fields(self) -> tuple[Any, ...]:
-        return (
-            int(self.cls), self.nms, self.msr, self.nmsr, self.hops, int(self.mode), self.target_x_m, self.target_y_m,
-            self.reports_made, self.reports_buffered, self.reports_discarded,
-        )  # fmt: skip
-
     @classmethod
     def of(cls, raw: Any) -> Status:
         if not isinstance(raw, list) or len(raw) != 11:
@@ -140,8 +132,7 @@ class Status:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """What a robot does until the next tick: a velocity, which the world caps at the robot's top speed."""
 
     tick: int
@@ -150,7 +141,7 @@ class Motion:
     status: Status
 
     def encode(self) -> bytes:
-        return pack((self.tick, self.vx_m_s, self.vy_m_s, self.status.fields()))
+        return pack(self)
 
     @classmethod
     def decode(cls, data: bytes) -> Motion:
@@ -169,13 +160,15 @@ class Report:
     merged: int
     """Scan reports merged so far, over all incarnations of the station."""
     victims_found: tuple[int, ...] = ()
+    silent: bool = False
+    """It sends nothing yet: its old routes shall die out first (PROCEDURE 2)."""
 
     def encode(self) -> bytes:
-        return pack((self.tick, self.searched, self.search_rate, self.merged, self.victims_found))
+        return pack((self.tick, self.searched, self.search_rate, self.merged, self.victims_found, self.silent))
 
     @classmethod
     def decode(cls, data: bytes) -> Report:
-        tick, searched, rates, merged, found = unpack(data, 5)
+        tick, searched, rates, merged, found, silent = unpack(data, 6)
         if not isinstance(rates, list) or not isinstance(found, list):
             raise WireError("search rates and victims are lists")
         return cls(
@@ -184,6 +177,7 @@ class Report:
             tuple(finite(r) for r in rates),
             integer(merged, 0, MAX_TICK),
             tuple(integer(v, 0, MAX_NODE) for v in found),
+            boolean(silent),
         )
 
 
@@ -363,7 +357,7 @@ class Event:
 
     tick: int
     kind: str
-    """fault | role | link | victim | mission | drop"""
+    """fault | recovery | role | link | victim | mission | drop"""
     node: int
     text: str
     data: dict[str, Any] = field(default_factory=dict)

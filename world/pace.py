@@ -14,26 +14,29 @@ from world.messages import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
 
-COMMANDS: Final = "hold, step [N], speed F|max, fault VERB:TARGET@T[+D], interrupt or status"
+COMMANDS: Final = "hold, step [N], go, speed F|max, fault VERB:TARGET@T[+D], interrupt or status"
 
 
 class Pace:
     """When the next tick may begin; commands come from another thread."""
 
-    def __init__(self, speed: float, now_s: Callable[[], float], *, robots: int | None = None) -> None:
+    def __init__(
+        self, speed: float, now_s: Callable[[], float], *, robots: int | None = None, held: bool = False
+    ) -> None:
         """Pace of a run.
 
         Args:
             speed: simulated seconds per wall second; 0 = as fast as possible.
             now_s: the wall clock.
             robots: how many there are, so that a fault can be checked.
+            held: begin held.
         """
         self._lock = threading.Lock()
         self._now_s = now_s
         self._speed = speed
         self._robots = robots
         self._faults: list[Fault] = []
-        self._steps: int | None = None
+        self._steps: int | None = 0 if held else None
         """Ticks that a held run may still take; None = not held."""
         self._base: tuple[int, float] | None = None
         """(tick, wall time) that the schedule counts from; anew after every change."""
@@ -92,6 +95,8 @@ class Pace:
                     self._steps = 1
                 case ["step", count] if count.isdecimal() and int(count) > 0:
                     self._steps = int(count)
+                case ["go"]:
+                    self._steps = self._base = None
                 case ["speed", value]:
                     self._speed = _speed(value)
                     self._steps = self._base = None

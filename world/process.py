@@ -63,7 +63,7 @@ class Shell:
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
         self._attendance = Attendance()
-        self._pace = Pace(config.speed, time.monotonic, robots=config.robots)
+        self._pace = Pace(config.speed, time.monotonic, robots=config.robots, held=config.held)
         self._stopwatch = Stopwatch()
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._done: Done | None = None

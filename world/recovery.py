@@ -2,19 +2,21 @@
 
 Orphans of a fault are the living robots whose path to the MS, by the NMS pointers at that moment, went through what
 failed. An orphan *notices* when its hop count becomes infinite or its NMS changes. It has a route *again* when its
-hop count is finite and the pointers lead over nodes that are present, and over no jammed link, to the MS.
+hop count is finite and the pointers lead over nodes that are present, and over no jammed link, to an MS that speaks.
 `loss` has no place, so its orphans are the robots that lose their route while it lasts.
+An orphan's scan reports from the fault until its new route are the ones that the fault held up.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from world.config import Fault
-from world.faults import chain_to_station, jam_of, tick_of
-from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Jam, Snapshot
+from world.faults import chain_to_station, describe, jam_of, tick_of
+from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Event, Jam, Snapshot, Status
 
 __all__ = ["Recoveries"]
 
@@ -23,6 +25,13 @@ __all__ = ["Recoveries"]
 class _Orphan:
     nms: int
     """At the fault."""
+    incarnation: int = 0
+    made_before: int = 0
+    """Scan reports that it had made when it was cut off."""
+    made: int = 0
+    """Those that it has made by now, or had when it was settled."""
+    discarded_before: int = 0
+    discarded: int = 0
     detected_tick: int | None = None
     recovered_tick: int | None = None
     departed: bool = False
@@ -56,8 +65,18 @@ class Recoveries:
         self._watches: list[_Watch] = []
         self._open: list[_Watch] = []
 
-    def begin(self, fault: Fault, node: int, tick: int, before: Snapshot) -> None:
-        """A fault acts from `tick` on; `before` is the last snapshot without it; `node` is NOBODY for jam and loss."""
+    def begin(
+        self, fault: Fault, node: int, tick: int, before: Snapshot, reports: Sequence[tuple[int, Status]] = ()
+    ) -> None:
+        """A fault acts from `tick` on.
+
+        Args:
+            fault: what acts.
+            node: on whom; NOBODY for jam and loss.
+            tick: since when.
+            before: the last snapshot without it.
+            reports: incarnation and status of every robot, ascending by id.
+        """
         until = tick + tick_of(fault.for_s or 0.0)
         jam = jam_of(fault.target) if fault.verb == "jam" else None
         watch = _Watch(fault, node, tick, jam, until)
@@ -65,9 +84,14 @@ class Recoveries:
             chain = chain_to_station(robot, before)
             cut = node in chain[1:] if jam is None else _jammed(chain, jam, before)
             if cut and before.hops[robot - 1] != UNREACHABLE:
-                watch.orphans[robot] = _Orphan(int(before.nms[robot - 1]))
+                watch.orphans[robot] = _orphan(int(before.nms[robot - 1]), robot, reports)
         self._watches.append(watch)
         self._open.append(watch)
+
+    @property
+    def watching(self) -> bool:
+        """A verdict is still open."""
+        return bool(self._open)
 
     def replace(self, old: Fault, new: Fault) -> None:
         """The log now knows how an unscheduled departure ended (`kill` became `restart` or `pause`)."""
@@ -75,29 +99,50 @@ class Recoveries:
             if watch.fault == old:
                 watch.fault = new
 
-    def update(self, before: Snapshot, snapshot: Snapshot, *, station_present: bool) -> None:
-        """Follow all open watches through a tick; `before` is the snapshot of the tick before."""
+    def update(
+        self,
+        before: Snapshot,
+        snapshot: Snapshot,
+        *,
+        station_speaks: bool,
+        reports: Sequence[tuple[int, Status]] = (),
+    ) -> tuple[Event, ...]:
+        """Follow all open watches through a tick; returns an event for each verdict that is final now.
+
+        Args:
+            before: the snapshot of the tick before.
+            snapshot: of this tick.
+            station_speaks: the MS takes part, and does not keep silent after a restart.
+            reports: as for `begin`.
+        """
         if not self._open:
-            return
+            return ()
         tick = snapshot.tick
         for watch in self._open:
             if watch.fault.verb == "loss" and tick < watch.until_tick:
-                self._add_losers(watch, before, snapshot)
+                self._add_losers(watch, before, snapshot, reports)
             for robot, orphan in watch.orphans.items():
                 if not orphan.settled and tick >= watch.tick:
-                    self._follow(watch, robot, orphan, snapshot, station_present)
-        self._open = [watch for watch in self._open if watch.open(tick + 1)]
+                    self._follow(watch, robot, orphan, snapshot, station_speaks)
+                    if reports:
+                        status = reports[robot - 1][1]
+                        orphan.made = max(orphan.made, status.reports_made)
+                        orphan.discarded = max(orphan.discarded, status.reports_discarded)
+        closed = [watch for watch in self._open if tick >= watch.tick and not watch.open(tick + 1)]
+        self._open = [watch for watch in self._open if watch not in closed]
+        return tuple(_announcement(watch, tick) for watch in closed)
 
     @staticmethod
-    def _add_losers(watch: _Watch, before: Snapshot, snapshot: Snapshot) -> None:
+    def _add_losers(watch: _Watch, before: Snapshot, snapshot: Snapshot, reports: Sequence[tuple[int, Status]]) -> None:
         for robot in snapshot.nodes.tolist():
             i = robot - 1
             lost = before.hops[i] != UNREACHABLE and snapshot.hops[i] == UNREACHABLE
             if lost and snapshot.present[i] and robot not in watch.orphans:
-                watch.orphans[robot] = _Orphan(int(before.nms[i]), detected_tick=snapshot.tick)
+                watch.orphans[robot] = orphan = _orphan(int(before.nms[i]), robot, reports)
+                orphan.detected_tick = snapshot.tick
 
     @staticmethod
-    def _follow(watch: _Watch, robot: int, orphan: _Orphan, snapshot: Snapshot, station_present: bool) -> None:
+    def _follow(watch: _Watch, robot: int, orphan: _Orphan, snapshot: Snapshot, station_speaks: bool) -> None:
         i, tick = robot - 1, snapshot.tick
         if not snapshot.present[i]:
             orphan.departed = True
@@ -105,7 +150,7 @@ class Recoveries:
         finite = snapshot.hops[i] != UNREACHABLE
         if orphan.detected_tick is None and not (finite and snapshot.nms[i] == orphan.nms):
             orphan.detected_tick = tick
-        chain = chain_to_station(robot, snapshot) if finite and station_present else []
+        chain = chain_to_station(robot, snapshot) if finite and station_speaks else []
         if chain and not (watch.jam is not None and tick < watch.until_tick and _jammed(chain, watch.jam, snapshot)):
             orphan.recovered_tick = tick
         else:
@@ -117,6 +162,24 @@ class Recoveries:
         `recovered_s` is that of the last orphan, null unless all who lived on recovered.
         """
         return [_verdict(watch) for watch in self._watches]
+
+
+def _orphan(nms: int, robot: int, reports: Sequence[tuple[int, Status]]) -> _Orphan:
+    incarnation, status = reports[robot - 1] if reports else (0, Status())
+    made, discarded = status.reports_made, status.reports_discarded
+    return _Orphan(nms, incarnation, made, made, discarded, discarded)
+
+
+def _announcement(watch: _Watch, tick: int) -> Event:
+    verdict = _verdict(watch)
+    names = ", ".join(map(str, verdict["orphaned"]))
+    if not watch.orphans:
+        words = "nobody was cut off"
+    elif verdict["recovered"] is True:
+        words = f"cut off {names}; the last has a route again after {verdict['recovered_s']:g} s"
+    else:
+        words = f"cut off {names}; none of them lived to have a route again"
+    return Event(tick, "recovery", watch.node, f"{describe(watch.fault)}: {words}", verdict)
 
 
 def _verdict(watch: _Watch) -> dict[str, Any]:
@@ -143,6 +206,10 @@ def _verdict(watch: _Watch) -> dict[str, Any]:
                 "detected_s": _since(watch, orphan.detected_tick),
                 "recovered_s": _since(watch, orphan.recovered_tick),
                 "departed": orphan.departed,
+                "incarnation": orphan.incarnation,
+                "reports_before": orphan.made_before,
+                "reports_made": orphan.made - orphan.made_before,
+                "reports_discarded": orphan.discarded - orphan.discarded_before,
             }
             for robot, orphan in orphans.items()
         ],

@@ -1,0 +1,69 @@
+#!/usr/bin/env python3
+"""Make a page about a run, or about two: `deploy/report.py RUN_DIR`, `deploy/report.py --compare RUN_A RUN_B`.
+
+Exit status: 0, or 2 for bad input (one line).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final, NoReturn
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"report.py: {message} (--help lists the options)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = _Parser(prog="report.py", description="Make one HTML file about a run: it opens anywhere and loads nothing.")
+    p.add_argument("run", nargs="?", type=Path, metavar="RUN_DIR", help="folder of a run that has ended")
+    p.add_argument("--compare", nargs=2, type=Path, metavar=("RUN_A", "RUN_B"), help="two runs over each other")
+    p.add_argument(
+        "--out", type=Path, metavar="FILE.html", help="default: RUN_DIR/report.html, or RUN_B/comparison.html"
+    )
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the page; returns the exit status."""
+    options = parser().parse_args(arguments)
+    if (options.run is None) == (options.compare is None):
+        parser().error("expected either RUN_DIR or --compare RUN_A RUN_B")
+    from deploy.report_page import comparison_page, report_page
+    from deploy.run_files import RunFilesError, read_run
+
+    try:
+        if options.compare is None:
+            out, page = options.run / "report.html", report_page(read_run(options.run))
+        else:
+            first, second = options.compare
+            out, page = second / "comparison.html", comparison_page(read_run(first), read_run(second))
+        out = options.out or out
+        out.write_text(page, encoding="utf-8")
+    except RunFilesError as error:
+        print(f"report.py: {_one_line(error)}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"report.py: {out}: can't write there: {error.strerror}", file=sys.stderr)
+        return 2
+    print(f"report: {out}")
+    return 0
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+if __name__ == "__main__":
+    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
+    from deploy.run_local import _require_modules
+    sys.path[0] = str(ROOT)
+    sys.exit(main())

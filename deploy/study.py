@@ -1,0 +1,275 @@
+#!/usr/bin/env python3
+"""Run studies, many runs each, and draw them: `deploy/study.py fig7`, `deploy/study.py PATH.toml --dask HOST:8786`.
+
+The same command goes on where an interrupted study stopped. Exit status: 0 when every run came to a result, 1 when one
+failed (or `--compare` found a difference), 2 for bad input (one line, before anything starts), 130 when interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import platform
+import random
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from deploy.study_execution import Workers
+    from deploy.study_plan import Point, Study
+    from deploy.study_table import Results
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+NEEDED: Final = ("matplotlib", "pyarrow", "zenoh", "pydantic", "rich", "scipy")
+REPORT: Final = "report"
+"""In place of a study: write docs/results.md from what is there."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"study.py: {message} (--help lists the options)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = _Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
+    p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
+    p.add_argument("--workers", type=int, metavar="N", help="processes of this machine (default: one per core)")
+    p.add_argument("--processes", action="store_true", help="run each as real processes, not in one")
+    p.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, such as tcp://HOST:8786")
+    p.add_argument("--quick", action="store_true", help="the study's small grid")
+    p.add_argument("--sample", type=int, metavar="N", help="only N of its runs, chosen at random, always the same")
+    p.add_argument("--compare", type=Path, metavar="DIR", help="then compare with the results there, wall times aside")
+    p.add_argument("--retry-failed", action="store_true", help="run failed runs again")
+    p.add_argument("--plot-only", action="store_true", help="run nothing, draw what is there")
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Check everything, then run; returns the exit status."""
+    options = parser().parse_args(arguments)
+    _require_modules()
+    from deploy.study_run import one_thread
+
+    one_thread()
+    from deploy.scenario import ScenarioError
+    from deploy.study_plan import load_study, points_of
+
+    if options.study == [REPORT]:
+        return _report(options.out)
+    try:
+        _check(options)
+        plans = []
+        for source in options.study:
+            study = load_study(source, quick=options.quick)
+            plans.append((study, _sampled(points_of(study), options.sample)))
+        workers = None if options.plot_only else _workers(options)
+    except (ScenarioError, OSError, ValueError) as error:
+        print(f"study.py: {error}", file=sys.stderr)
+        return 2
+    try:
+        return max([_run(study, points, workers, options) for study, points in plans])
+    except KeyboardInterrupt:
+        print("study.py: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    finally:
+        if workers is not None:
+            workers.close()
+
+
+def _require_modules() -> None:
+    """Go on in the project's own environment if this Python lacks something, or say how to make one."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if not missing:
+        return
+    venv = ROOT / ".venv"
+    if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():
+        python = str(venv / "bin" / "python")
+        os.execv(python, [python, str(Path(__file__).resolve()), *sys.argv[1:]])
+    words = (
+        f"this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, then `.venv/bin/python deploy/study.py`"
+    )
+    print(f"study.py: {words}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _check(options: argparse.Namespace) -> None:
+    if REPORT in options.study:
+        raise ValueError("report stands alone")
+    if options.out is not None and len(options.study) > 1:
+        raise ValueError("--out takes one study")
+    for name in ("workers", "sample"):
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            raise ValueError(f"--{name} {value}: at least 1")
+    if options.compare is not None and not (options.compare / "results.parquet").exists():
+        raise ValueError(f"--compare {options.compare}: no results.parquet there")
+
+
+def _sampled(points: list[Point], count: int | None) -> list[Point]:
+    if count is None or count >= len(points):
+        return points
+    # Sorted first: the order of points is about speed, and must not choose.
+    chosen = {point.key for point in random.Random(0).sample(sorted(points, key=lambda p: p.key), count)}
+    return [point for point in points if point.key in chosen]
+
+
+def _workers(options: argparse.Namespace) -> Workers:
+    from deploy.study_execution import DaskCluster, LocalPool
+
+    if options.dask:
+        try:
+            return DaskCluster(options.dask)
+        except ImportError:
+            raise ValueError("--dask needs the package distributed: run `make setup`") from None
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ValueError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+    # A run of real processes fills the cores by itself.
+    return LocalPool(options.workers or (1 if options.processes else os.cpu_count() or 1))
+
+
+def _folder(study: Study, options: argparse.Namespace) -> Path:
+    if options.out is not None:
+        return Path(options.out)
+    marks = [word for word in ("quick", "processes") if getattr(options, word)]
+    return Path("runs") / "studies" / "-".join([study.name, *marks])
+
+
+def _run(study: Study, points: list[Point], workers: Workers | None, options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from deploy.study_table import Results
+
+    console = Console()
+    try:
+        results = Results(_folder(study, options))
+    except OSError as error:
+        print(f"study.py: {_folder(study, options)}: can't write there: {error.strerror}", file=sys.stderr)
+        return 2
+    if workers is not None:
+        results.plan(points)
+        _execute(study, points, workers, results, console, options)
+    rows = results.rows()
+    if not rows:
+        print(f"study.py: {results.folder}: no results yet", file=sys.stderr)
+        return 2
+    planned = {point.key for point in points}
+    _draw(study, [row for row in rows if row["key"] in planned], results, console)
+    return max(_tell_failures(rows, planned, console), _compare(rows, planned, options.compare, console))
+
+
+def _execute(
+    study: Study, points: list[Point], workers: Workers, results: Results, console: Console, options: argparse.Namespace
+) -> None:
+    from deploy.study_execution import Execution
+    from deploy.study_run import ERROR
+
+    done = results.done(retry_failed=options.retry_failed)
+    todo = [point for point in points if point.key not in done]
+    _say(console, f"{study.name}: {len(points)} runs, {len(points) - len(todo)} of them done, in {results.folder}")
+    execution = Execution(workers, "processes" if options.processes else "in-process", study.series_step_s)
+    begun = time.monotonic()
+    try:
+        with _bar(console) as bar:
+            task = bar.add_task(study.name, total=sum(point.effort for point in todo), runs=0, of=len(todo))
+            for count, (point, finished) in enumerate(execution.results(todo), 1):
+                results.add(finished)
+                if finished.row["status"] == ERROR:
+                    bar.console.print(f"run {point.key} failed: {finished.row['error']}", markup=False, soft_wrap=True)
+                bar.update(task, advance=point.effort, runs=count)
+    finally:
+        results.compact()
+        if todo:
+            _note(results, options, time.monotonic() - begun, len(todo))
+
+
+def _bar(console: Console) -> Any:
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[runs]}/{task.fields[of]} runs"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    # Runs take minutes: an estimate over the last seconds would know nothing.
+    return Progress(*columns, console=console, speed_estimate_period=3600.0)
+
+
+def _note(results: Results, options: argparse.Namespace, wall_s: float, runs: int) -> None:
+    """Keep how the results came about; a resumed study adds up."""
+    before = results.noted()
+    results.note({
+        "command": shlex.join(["deploy/study.py", *options.study, *(["--quick"] if options.quick else [])]),
+        "wall_s": round(before.get("wall_s", 0.0) + wall_s, 1),
+        "runs": before.get("runs", 0) + runs,
+        "workers": "Dask" if options.dask else options.workers or os.cpu_count(),
+        "machine": f"{os.cpu_count()} cores, {_processor()}, {platform.system()}, Python {platform.python_version()}",
+    })  # fmt: skip
+
+
+def _processor() -> str:
+    """The processor's name, as far as the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.machine())
+
+
+def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
+    from deploy.scenario import load
+    from deploy.study_plots import draw
+    from deploy.study_statistics import bounds_of
+
+    for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
+        _say(console, f"drawn: {path}")
+
+
+def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Console) -> int:
+    from deploy.study_statistics import usable
+
+    here = [row for row in rows if row["key"] in planned]
+    failed = len(here) - len(usable(here))
+    if failed:
+        _say(console, f"{failed} of {len(here)} runs failed, see column error; --retry-failed runs them again")
+    return 1 if failed else 0
+
+
+def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, console: Console) -> int:
+    if other is None:
+        return 0
+    from deploy.study_table import Results, differences
+
+    others = [row for row in Results(other).rows() if row["key"] in planned]
+    lines = differences([row for row in rows if row["key"] in planned], others)
+    for line in lines:
+        _say(console, line)
+    _say(console, f"compared with {other}: {len(others)} runs in common, {len(lines)} differences")
+    return 1 if lines or not others else 0
+
+
+def _report(out: Path | None) -> int:
+    from deploy.study_report import write_report
+
+    print(f"written: {write_report(Path('runs') / 'studies', out or ROOT / 'docs')}")
+    return 0
+
+
+def _say(console: Console, words: str) -> None:
+    console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
+    sys.path[0] = str(ROOT)
+    sys.exit(main())

@@ -1,0 +1,202 @@
+"""docs/results.md, written from the results themselves: no number in it was typed by hand.
+
+Each claim of the paper's text is judged by a function of the tables; where there are no results yet, it says so.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from deploy.scenario import load
+from deploy.study_claims import Verdict, fig6_claims, fig7_claims
+from deploy.study_plan import BASE, Study, load_study
+from deploy.study_reference import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
+from deploy.study_statistics import ALL, Bounds, bounds_of, estimate, kept, usable
+from deploy.study_table import Results, Row, Series
+
+__all__ = ["write_report"]
+
+ORDER: Final = ("fig6", "fig7", "fig7_relay_killed", "ablations", "radio")
+
+_HEAD: Final = """\
+# Results
+
+Written by `deploy/study.py report` from the tables of the studies; every number and verdict below is computed.
+
+The text of the paper at hand lacks its figures, and its Fig. 3 (the flow of behavior) and Fig. 5 (the floor plan) with
+them. Our floor plan and our reading of the rules are reconstructions, so what can be compared with the paper is the
+shape of the curves, that is, what its text says of them; its numbers can't be known. Numbers are compared with those of
+an independent prototype on the same floor plan, which differs from the emulator in that all its robots share one map at
+once, while here scans travel hop by hop. Intervals are 95 % confidence intervals of the mean (Student's t).
+"""
+
+
+_WITHIN: Final = """\
+Search time of all cells, mean ± standard deviation of the runs that finished, against the prototype's. *Within* means
+that the two means differ by no more than the prototype's standard deviation."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A study and its results."""
+
+    study: Study
+    rows: list[Row]
+    series: Mapping[str, Series]
+    bounds: Bounds
+    notes: Mapping[str, Any]
+
+
+def write_report(studies: Path, docs: Path) -> Path:
+    """Write results.md into `docs`, with the pictures and tables that it shows in `docs`/results.
+
+    Args:
+        studies: where the studies' results lie, a folder each.
+        docs: where the report goes.
+    """
+    writers: dict[str, Callable[[_Found], list[str]]] = {"fig6": _fig6, "fig7": _fig7}
+    lines = [_HEAD]
+    pictures = docs / "results"
+    pictures.mkdir(parents=True, exist_ok=True)
+    for name in ORDER:
+        study = load_study(name)
+        lines += [f"## {study.title or name}", ""]
+        found = _find(study, studies / name)
+        if found is None:
+            lines += [f"Not measured yet: `deploy/study.py {name}`.", ""]
+            continue
+        lines += _origin(found)
+        for path in (studies / name / f"{name}.png", studies / name / f"{name}.svg", studies / name / "results.csv"):
+            if path.exists():
+                target = f"{name}.csv" if path.suffix == ".csv" else path.name
+                shutil.copyfile(path, pictures / target)
+        lines += [f"![{study.title or name}](results/{name}.png)", ""]
+        lines += writers.get(name, _variants)(found)
+    path = docs / "results.md"
+    path.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    return path
+
+
+def _find(study: Study, folder: Path) -> _Found | None:
+    if not (folder / "results.parquet").exists():
+        return None
+    results = Results(folder)
+    bounds = bounds_of(load(study.scenario))
+    return _Found(study, results.rows(), results.series(), bounds, results.noted())
+
+
+def _origin(found: _Found) -> list[str]:
+    notes, failed = found.notes, len(found.rows) - len(usable(found.rows))
+    line = f"{len(found.rows)} runs"
+    if failed:
+        line += f" ({failed} failed and left out)"
+    if notes:
+        line += f", by `{notes['command']}` in {notes['wall_s'] / 60:.0f} minutes on {notes['machine']}"
+    return [f"{line}. All rows: [results/{found.study.name}.csv](results/{found.study.name}.csv).", ""]
+
+
+def _claims(verdicts: Sequence[Verdict]) -> list[str]:
+    lines = ["| the paper's text | here | verdict |", "|---|---|---|"]
+    return [*lines, *(f"| {v.claim} | {v.found} | **{v.word}** |" for v in verdicts), ""]
+
+
+def _fig6(found: _Found) -> list[str]:
+    lines = _claims(fig6_claims(found.rows, found.series, found.study.discard))
+    lines += [
+        "| N | runs kept | cell | finished | search time (s) | prototype (s) | ratio |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for robots in sorted({row["robots"] for row in usable(found.rows)}, reverse=True):
+        of_fleet = [row for row in usable(found.rows) if row["robots"] == robots]
+        left = kept(of_fleet, found.series, found.study.discard)
+        for i, cell in enumerate(("1", "2")):
+            times = [row[f"search_time_s.{cell}"] for row in left if row[f"search_time_s.{cell}"] is not None]
+            ours, theirs = estimate(times), PROTOTYPE_FIG6_S.get(robots)
+            ratio = f"{ours.mean / theirs[i]:.2f}" if theirs and times else ""
+            lines.append(
+                f"| {robots} | {len(left)} of {len(of_fleet)} | {cell} | {len(times)} of {len(left)} "
+                f"| {_shown(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {ratio} |"
+            )
+    return [*lines, "", _discard_words(found.study), ""]
+
+
+def _discard_words(study: Study) -> str:
+    rule = study.discard
+    if rule is None:
+        return "No run is discarded."
+    return (
+        f"A run is discarded, as the paper does, if it searches cell {rule.cell} before cell {rule.before}: by which "
+        f"of them was finished first, or, if neither was, by which first reached {rule.onset_rate:.0%}. "
+        "How the paper decided this is not known."
+    )
+
+
+def _fig7(found: _Found) -> list[str]:
+    low_s, high_s = found.bounds.t_low_s
+    bounds = ", ".join(f"{found.bounds.r_low_m(n):.1f} m for N = {n}" for n in (6, 9, 12))
+    lines = [f"T_low = {low_s:.0f} to {high_s:.0f} s; r_low = {bounds} (`deploy/study_statistics.py: Bounds`).", ""]
+    lines += _claims(fig7_claims(found.rows, found.bounds))
+    lines += [_WITHIN, ""]
+    lines += [
+        "| N | r_t (m) | finished | here (s) | 95 % CI | prototype (s) | ratio | within |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in usable(found.rows)}):
+        lines.append(_fig7_line(found.rows, robots, radius_m))
+    return [*lines, ""]
+
+
+def _fig7_line(rows: Sequence[Row], robots: int, radius_m: float) -> str:
+    here = [row for row in usable(rows) if (row["robots"], row["radius_m"]) == (robots, radius_m)]
+    times = [row[ALL] for row in here if row[ALL] is not None]
+    ours, key = estimate(times), (robots, radius_m)
+    theirs = PROTOTYPE_FIG7_S.get(key)
+    reference = f"{theirs[0]:.0f} ± {theirs[1]:.0f}" if theirs else "none finished" if key in PROTOTYPE_FIG7_S else "-"
+    ratio = within = ""
+    if theirs and times:
+        ratio = f"{ours.mean / theirs[0]:.2f}"
+        within = "yes" if abs(ours.mean - theirs[0]) <= theirs[1] else "no"
+    elif key in PROTOTYPE_FIG7_S:
+        within = "yes" if not times and not theirs else "no"
+    spread = f"{ours.mean:.0f} ± {ours.sd:.0f}" if times else "-"
+    return (
+        f"| {robots} | {radius_m:g} | {len(times)} of {len(here)} | {spread} | {_shown(times)} | {reference} | "
+        f"{ratio} | {within} |"
+    )
+
+
+def _variants(found: _Found) -> list[str]:
+    lines = [
+        "| variant | N | r_t (m) | finished | search time (s) | to the first | connected | what it shows |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    rows = usable(found.rows)
+    names = {variant.name: variant.why for variant in found.study.variant} or {BASE: ""}
+    for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in rows}):
+        first_s: float | None = None
+        for name, why in names.items():
+            here = [r for r in rows if (r["variant"], r["robots"], r["radius_m"]) == (name, robots, radius_m)]
+            if not here:
+                continue
+            times = [row[ALL] for row in here if row[ALL] is not None]
+            mean_s = estimate(times).mean
+            first_s = mean_s if first_s is None else first_s
+            ratio = f"{mean_s / first_s:.2f}" if times and first_s == first_s else ""
+            connected = estimate(row["connected_fraction"] for row in here).mean
+            lines.append(
+                f"| {name} | {robots} | {radius_m:g} | {len(times)} of {len(here)} | {_shown(times)} | {ratio} | "
+                f"{connected:.0%} | {why} |"
+            )
+    return [*lines, "", "Times and ratios are those of the runs that finished.", ""]
+
+
+def _shown(times: Sequence[float]) -> str:
+    """Mean and confidence interval, in seconds."""
+    found = estimate(times)
+    return (
+        "-" if found.n == 0 else f"{found.mean:.0f}" if found.n == 1 else f"{found.mean:.0f} ± {found.half_width:.0f}"
+    )

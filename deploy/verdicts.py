@@ -1,0 +1,62 @@
+"""The last word on every fault: the world's verdict, with what became of the scan reports that it held up.
+
+The world knows which reports the orphans of a fault made while they had no path; the monitor station knows which of
+them it has. Neither knows both, so they are put together here, when the run is over.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["settle"]
+
+
+def settle(
+    recoveries: Sequence[Mapping[str, Any]],
+    acknowledged: Mapping[str, Sequence[int]],
+    complete: Mapping[str, int] | None,
+) -> list[dict[str, Any]]:
+    """Say for each fault what became of the scan reports that its orphans made while they were cut off.
+
+    Args:
+        recoveries: the world's verdicts.
+        acknowledged: of each robot that lives at the end: its incarnation, and the highest report of which it was
+            told that the MS has it.
+        complete: of each robot incarnation ("4/0"): the highest report that the MS has without a gap; None if the
+            MS did not live to tell, which leaves all counts None.
+
+    Returns:
+        The verdicts with `scan_reports`: `delayed` (delivered later), `pending` (still with their living robot),
+        `dead` (gone with their robot), `lost` (neither with the MS nor with their living robot: a defect),
+        `discarded` (never made, by the rule `store_and_forward = false`).
+    """
+    return [dict(verdict) | {"scan_reports": _fate(verdict, acknowledged, complete)} for verdict in recoveries]
+
+
+def _fate(
+    verdict: Mapping[str, Any], acknowledged: Mapping[str, Sequence[int]], complete: Mapping[str, int] | None
+) -> dict[str, int | None]:
+    count: Counter[str] = Counter(delayed=0, pending=0, dead=0, lost=0, discarded=0)
+    for orphan in verdict["orphans"]:
+        robot, incarnation = orphan["robot"], orphan["incarnation"]
+        first = orphan["reports_before"] + 1
+        last = orphan["reports_before"] + orphan["reports_made"]
+        arrived = min(last, (complete or {}).get(f"{robot}/{incarnation}", 0))
+        there = arrived
+        alive = acknowledged.get(str(robot))
+        if alive is not None and alive[0] == incarnation:
+            # Reports up to alive[1] are no longer with the robot, since it believes that the MS has them.
+            there = max(arrived, min(last, alive[1]))
+            count["pending"] += _between(max(first, there + 1), last)
+            count["lost"] += _between(max(first, arrived + 1), there)
+        else:
+            count["dead"] += _between(max(first, arrived + 1), last)
+        count["delayed"] += _between(first, arrived)
+        count["discarded"] += orphan["reports_discarded"]
+    return dict.fromkeys(count) if complete is None else dict(count)
+
+
+def _between(first: int, last: int) -> int:
+    return max(0, last - first + 1)
