@@ -43,8 +43,6 @@ class MsRoute:
         self._frozen_until = -1
         self.acks = b""
         """Acknowledgements of the MS, as they came with its entry."""
-        self.last_nms = NOBODY
-        """The NMS that was lost last, while there is no route."""
 
     @property
     def nms(self) -> int:
@@ -72,7 +70,6 @@ class MsRoute:
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
         if self.nms != NOBODY:
-            self.last_nms = self.nms
             self.acks = self._neighbors.by_id[self.nms].acks
 
     def weak(self, tick: int) -> bool:

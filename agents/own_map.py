@@ -18,6 +18,8 @@ from world.grid import FREE, OCCUPIED, UNKNOWN
 _INTO_WALL_M: Final = 1e-9
 """How far behind the point of impact the wall's cell begins; ranges are exact, so rounding is all that it must beat."""
 
+_ENDS: Final = np.array([0.0, 1.0])
+
 
 class OwnMap:
     """Cells in {UNKNOWN, FREE, OCCUPIED}, flat, in the geometry that the whole run shares."""
@@ -135,7 +137,7 @@ class OwnMap:
         return np.flatnonzero(beside)
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
-        """Every cell on a segment is known free, as sampled at a quarter of the resolution."""
+        """Every cell on a segment is known free."""
         return bool((self._along(x0_m, y0_m, x1_m, y1_m) == FREE).all())
 
     def obstacles(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> int:
@@ -144,11 +146,20 @@ class OwnMap:
         return int(solid[0]) + int(np.count_nonzero(solid[1:] & ~solid[:-1]))
 
     def _along(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> NDArray[np.int8]:
+        """The cells on a segment, in order: between two crossings of grid lines lies one cell."""
         g = self.geometry
-        length = math.hypot(x1_m - x0_m, y1_m - y0_m)
-        steps = int(4.0 * length / g.resolution_m) + 1
-        t = np.arange(steps + 1) / steps
-        cols = ((x0_m - g.x0_m + t * (x1_m - x0_m)) / g.resolution_m).astype(np.int64)
-        rows = ((y0_m - g.y0_m + t * (y1_m - y0_m)) / g.resolution_m).astype(np.int64)
+        u0, v0 = (x0_m - g.x0_m) / g.resolution_m, (y0_m - g.y0_m) / g.resolution_m
+        du, dv = (x1_m - x0_m) / g.resolution_m, (y1_m - y0_m) / g.resolution_m
+        u_lines = np.arange(math.floor(min(u0, u0 + du)) + 1, math.ceil(max(u0, u0 + du)))
+        v_lines = np.arange(math.floor(min(v0, v0 + dv)) + 1, math.ceil(max(v0, v0 + dv)))
+        parts = [_ENDS]
+        if len(u_lines):
+            parts.append((u_lines - u0) / du)
+        if len(v_lines):
+            parts.append((v_lines - v0) / dv)
+        t = np.concatenate(parts)
+        t.sort()
+        middle = 0.5 * (t[1:] + t[:-1])
+        cols, rows = (u0 + middle * du).astype(np.int64), (v0 + middle * dv).astype(np.int64)
         values: NDArray[np.int8] = self.cells[rows * g.cols + cols]
         return values

@@ -67,7 +67,7 @@ class Scout(Vds):
         if self.body.tick < self.body.router.quiet_until or ms.nms == NOBODY:
             self._count(stopped=False)
             return super().behave(cls)
-        self._was_at_nms = False
+        self._lost_nms_m = self.body.router.table.location_m(ms.nms)
         self._stretch(cls)
         if cls is Cls.SR:
             self._recruit()

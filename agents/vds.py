@@ -20,7 +20,7 @@ from agents.body import Action, Body, Place
 from agents.explorer import Explorer
 from agents.srrc import Classifier, select_msr
 from agents.walker import Walker
-from world.messages import NOBODY, STATION, Cls, Mode
+from world.messages import NOBODY, Cls, Mode
 
 Velocity = tuple[float, float]
 
@@ -43,13 +43,15 @@ class Vds:
         self.r_out_m = rules.routing.r_out_share * body.config.radius_m
         self.to_target = Walker(body.map, body.planner, same_goal_m=0.05)
         self._tracing = Walker(body.map, body.planner, same_goal_m=0.5)
+        self._there_m = 2.0 * body.map.geometry.resolution_m
+        self._lost_nms_m: Place | None = None
+        """Where the NMS was when there last was a route; None once the robot has been there."""
         self.target: Place | None = None
         self.msr = NOBODY
         self.hold = NOBODY
         """Announced to neighbors; stays NOBODY here (policy scout)."""
         self.need = False
         """Announced to all; stays False here (policy scout)."""
-        self._was_at_nms = False
 
     @property
     def nmsr(self) -> int:
@@ -76,7 +78,7 @@ class Vds:
             return STILL, Mode.LOST
         if router.ms.nms == NOBODY:
             return self.recover_path(), Mode.LOST
-        self._was_at_nms = False
+        self._lost_nms_m = router.table.location_m(router.ms.nms)
         if cls is Cls.SR:
             self.search()
         if router.ms.weak(tick):
@@ -145,11 +147,10 @@ class Vds:
         return self.to_target.velocity(tick, self.body.at, goal, speed_m_s), Mode.WALK
 
     def recover_path(self) -> Velocity:
-        """APR: first where the NMS was, from there towards the MS, until some neighbor offers a route."""
-        last, station = self.body.router.ms.last_nms, self.body.config.station_m
-        if last in (NOBODY, STATION):
-            return self._run_to(station)
-        place = self.body.router.table.location_m(last)
-        if math.dist(place, self.body.at) < 2.0 * self.body.map.geometry.resolution_m:
-            self._was_at_nms = True
-        return self._run_to(station if self._was_at_nms else place)
+        """APR: first to where the NMS was when the route was lost, from there towards the MS, until a route is offered.
+
+        Not to where the lost NMS is now: it may be lost as well, and each would follow the other.
+        """
+        if self._lost_nms_m is not None and math.dist(self._lost_nms_m, self.body.at) < self._there_m:
+            self._lost_nms_m = None
+        return self._run_to(self._lost_nms_m or self.body.config.station_m)

@@ -79,7 +79,8 @@ def line_chart(
     xs = [x for line in lines for x, _ in line.points]
     ys = [y for line in lines for _, y in line.points if y is not None]
     x_max = max([1.0, *xs])
-    y_step = _round_step((y_max or max([1.0, *ys])) / 4)
+    # Without a given top the axis counts things, so its steps are whole.
+    y_step = y_max / 4 if y_max else max(1.0, _round_step(max([1.0, *ys]) / 5))
     top = y_max or math.ceil(max([1.0, *ys]) / y_step) * y_step
     frame = _Frame(x_max, top)
     parts = [
@@ -123,7 +124,7 @@ def _x_axis(frame: _Frame) -> list[str]:
     unit, seconds = "s", 1.0
     if frame.x_max > 900:
         unit, seconds = ("min", 60.0) if frame.x_max <= 10_800 else ("h", 3600.0)
-    step = _round_step(frame.x_max / seconds / 5)
+    step = _round_step(frame.x_max / seconds / 7)
     base = _HEIGHT - _BOTTOM
     parts = []
     for i in range(math.floor(frame.x_max / seconds / step + 1e-9) + 1):
@@ -192,7 +193,7 @@ def _column(point: tuple[float, float | None], x_max: float) -> int:
 def _round_step(least: float) -> float:
     """The smallest of 1, 2, 5, 10, ... that is not below `least`."""
     power = 10.0 ** math.floor(math.log10(max(least, 1e-9)))
-    return next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= least * (1 - 1e-9))
+    return next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least * (1 - 1e-9))
 
 
 def legend(lines: Sequence[Line]) -> str:
@@ -214,8 +215,8 @@ def bar_chart(title: str, bars: Sequence[Bar]) -> str:
     longest = max((bar.value for bar in ordered), default=0.0) or 1.0
     height = row * len(ordered) + 4
     parts = [
-        f'<svg class="chart" viewBox="0 0 {_WIDTH:g} {height:g}" role="img" aria-label="{escape(title)}">'
-        f"<title>{escape(title)}</title>"
+        f'<svg class="chart" viewBox="0 0 {_WIDTH:g} {height:g}" role="img" aria-label="{escape(title)}">',
+        f"<title>{escape(title)}</title>",
     ]
     for i, bar in enumerate(ordered):
         width = max(1.0, (_WIDTH - left - right) * max(bar.value, 0.0) / longest)

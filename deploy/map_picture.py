@@ -34,8 +34,8 @@ class _Plan:
     def __init__(self, run: Run, image: MapImage) -> None:
         rows, cols = image.pixels.shape
         self.run, self.image = run, image
-        self.scale = _WIDTH / (cols * image.resolution_m)
-        self.height = rows * image.resolution_m * self.scale
+        self.scale: float = _WIDTH / (cols * image.resolution_m)
+        self.height: float = rows * image.resolution_m * self.scale
 
     def x(self, x_m: float) -> float:
         return (x_m - self.image.x0_m) * self.scale
@@ -52,8 +52,8 @@ def map_picture(run: Run) -> str | None:
     title = f"Map of {run.name}"
     description = "The map that the monitor station merged, seen from above, as it was when the run ended."
     parts = [
-        f'<svg class="map" viewBox="0 0 {_WIDTH:g} {plan.height:.1f}" role="img" aria-label="{escape(title)}">'
-        f"<title>{escape(title)}</title><desc>{escape(description)}</desc>"
+        f'<svg class="map" viewBox="0 0 {_WIDTH:g} {plan.height:.1f}" role="img" aria-label="{escape(title)}">',
+        f"<title>{escape(title)}</title><desc>{escape(description)}</desc>",
         f'<image width="{_WIDTH:g}" height="{plan.height:.1f}" preserveAspectRatio="none" href="{_png(run.map)}"/>',
         *_cells(plan),
         *_hops(plan),
@@ -99,7 +99,8 @@ def _robots(plan: _Plan) -> Iterator[str]:
         else:
             kind = "relay" if robot.get("class") == "RR" else "search"
             sign = f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="6"/>'
-        yield f'<g><title>robot {number}</title>{sign}<text class="name" x="{x:.1f}" y="{y + 19:.1f}">{number}</text></g>'
+        name = f'<text class="name" x="{x:.1f}" y="{y + 19:.1f}">{number}</text>'
+        yield f"<g><title>robot {number}</title>{sign}{name}</g>"
 
 
 def _hops(plan: _Plan) -> Iterator[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+NEEDED: Final = ("annotated_types", "numpy", "PIL", "pydantic", "scipy", "tomli_w", "yaml")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -37,7 +38,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     if (options.run is None) == (options.compare is None):
         parser().error("expected either RUN_DIR or --compare RUN_A RUN_B")
-    from deploy.report_page import comparison_page, report_page
+    from deploy.own_python import require
+
+    require(Path(__file__), NEEDED)
+    from deploy.comparison_page import comparison_page
+    from deploy.report_page import report_page
     from deploy.run_files import RunFilesError, read_run
 
     try:
@@ -64,6 +69,5 @@ def _one_line(error: Exception) -> str:
 
 if __name__ == "__main__":
     # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    from deploy.run_local import _require_modules
     sys.path[0] = str(ROOT)
     sys.exit(main())

@@ -17,7 +17,7 @@ import numpy as np
 
 from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
 
-from deploy.verdicts import settle
+from deploy.verdicts import lost_reports, settle
 
 if TYPE_CHECKING:
     from deploy.past_run import Baseline
@@ -148,7 +148,10 @@ class RunFolder:
     def _scan_reports(self, world: Mapping[str, Any], station: Mapping[str, Any]) -> dict[str, int | None]:
         told = world.get("scan_reports", {})
         merged = station.get("merged", None if self.latest is None else self.latest.merged)
-        return {"made": None, "buffered": None, "discarded": None, **told, "merged": merged}
+        lost = None
+        if "acknowledged" in world and "complete" in station:
+            lost = lost_reports(world["acknowledged"], station["complete"])
+        return {"made": None, "buffered": None, "discarded": None, **told, "merged": merged, "lost": lost}
 
     def _victims_found(self, station: Mapping[str, Any]) -> int:
         known = () if self.latest is None else self.latest.victims_found

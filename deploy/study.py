@@ -134,15 +134,23 @@ def _workers(options: argparse.Namespace) -> Workers:
             raise ValueError("--dask needs the package distributed: run `make setup`") from None
         except (OSError, ValueError, TimeoutError) as error:
             raise ValueError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+    return LocalPool(_worker_count(options))
+
+
+def _worker_count(options: argparse.Namespace) -> int:
     # A run of real processes fills the cores by itself.
-    return LocalPool(options.workers or (1 if options.processes else os.cpu_count() or 1))
+    return options.workers or (1 if options.processes else os.cpu_count() or 1)
 
 
 def _folder(study: Study, options: argparse.Namespace) -> Path:
     if options.out is not None:
         return Path(options.out)
-    marks = [word for word in ("quick", "processes") if getattr(options, word)]
-    return Path("runs") / "studies" / "-".join([study.name, *marks])
+    return Path("runs") / "studies" / "".join([study.name, *(mark[1:] for mark in _marks(options))])
+
+
+def _marks(options: argparse.Namespace) -> list[str]:
+    """The options that make other results, or make them otherwise."""
+    return [f"--{word}" for word in ("quick", "processes") if getattr(options, word)]
 
 
 def _run(study: Study, points: list[Point], workers: Workers | None, options: argparse.Namespace) -> int:
@@ -177,6 +185,7 @@ def _execute(
     done = results.done(retry_failed=options.retry_failed)
     todo = [point for point in points if point.key not in done]
     _say(console, f"{study.name}: {len(points)} runs, {len(points) - len(todo)} of them done, in {results.folder}")
+    _warn_of_other_code(results, {point.key for point in points}, console)
     execution = Execution(workers, "processes" if options.processes else "in-process", study.series_step_s)
     begun = time.monotonic()
     try:
@@ -191,6 +200,15 @@ def _execute(
         results.compact()
         if todo:
             _note(results, options, time.monotonic() - begun, len(todo))
+
+
+def _warn_of_other_code(results: Results, planned: set[str], console: Console) -> None:
+    from deploy.study_run import code_version
+
+    others = [row for row in results.rows() if row["key"] in planned and row.get("code") != code_version()]
+    if others:
+        _say(console, f"{len(others)} of the rows there come from other code (column code); remove {results.folder} "
+             "to run them anew")  # fmt: skip
 
 
 def _bar(console: Console) -> Any:
@@ -208,10 +226,10 @@ def _note(results: Results, options: argparse.Namespace, wall_s: float, runs: in
     """Keep how the results came about; a resumed study adds up."""
     before = results.noted()
     results.note({
-        "command": shlex.join(["deploy/study.py", *options.study, *(["--quick"] if options.quick else [])]),
+        "command": shlex.join(["deploy/study.py", *options.study, *_marks(options)]),
         "wall_s": round(before.get("wall_s", 0.0) + wall_s, 1),
         "runs": before.get("runs", 0) + runs,
-        "workers": "Dask" if options.dask else options.workers or os.cpu_count(),
+        "workers": "Dask" if options.dask else _worker_count(options),
         "machine": f"{os.cpu_count()} cores, {_processor()}, {platform.system()}, Python {platform.python_version()}",
     })  # fmt: skip
 

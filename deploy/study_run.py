@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import functools
+import hashlib
 import json
 import os
 import tempfile
@@ -22,7 +24,7 @@ from deploy.run_folder import RunFolder
 from deploy.scenario import Scenario, load
 from deploy.simulation import Observer, Simulation
 
-__all__ = ["ERROR", "Engine", "Finished", "columns_of", "failed_row", "run_point"]
+__all__ = ["ERROR", "Engine", "Finished", "code_version", "columns_of", "failed_row", "run_point"]
 
 Engine = Literal["in-process", "processes"]
 
@@ -89,7 +91,25 @@ def _with_processes(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
 def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
     tables = tomllib.loads(toml)
     parameters = columns_of({name: value for name, value in tables.items() if name not in _LEFT_OUT})
-    return {"key": key, "variant": variant, "engine": engine, "scenario": tables["name"], **parameters}
+    return {
+        "key": key,
+        "variant": variant,
+        "engine": engine,
+        "code": code_version(),
+        "scenario": tables["name"],
+        **parameters,
+    }
+
+
+@functools.cache
+def code_version() -> str:
+    """Digest of the modules that decide a run's result, as they are on this machine."""
+    digest = hashlib.sha256()
+    root = Path(__file__).resolve().parent.parent
+    for package in ("world", "medium", "agents", "monitor_station"):
+        for path in sorted((root / package).glob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

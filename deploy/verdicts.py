@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["settle"]
+__all__ = ["lost_reports", "settle"]
 
 
 def settle(
@@ -33,6 +33,16 @@ def settle(
         `discarded` (never made, by the rule `store_and_forward = false`).
     """
     return [dict(verdict) | {"scan_reports": _fate(verdict, acknowledged, complete)} for verdict in recoveries]
+
+
+def lost_reports(acknowledged: Mapping[str, Sequence[int]], complete: Mapping[str, int]) -> int:
+    """Scan reports that a robot living at the end no longer has and the MS never got: 0 unless something is broken.
+
+    Arguments as for `settle`.
+    """
+    return sum(
+        max(0, upto - complete.get(f"{robot}/{incarnation}", 0)) for robot, (incarnation, upto) in acknowledged.items()
+    )
 
 
 def _fate(

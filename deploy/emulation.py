@@ -1,0 +1,294 @@
+"""A run of real processes in the hands of a program: started, watched, struck by hand, and asked for its verdicts.
+
+The run is `deploy/run_local.py` in a process of its own, begun held until its owner listens, so nothing is missed.
+`deploy/testing.py` makes a pytest fixture of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Self
+
+from bus.lockstep import unbatch
+from bus.session import BusError, Login, Mailbox, Session
+from deploy.run_folder import OPERATOR
+from deploy.scenario import load
+from world.faults import parse_fault, tick_of
+from world.messages import STATION, TICK_S, Event, Snapshot
+
+__all__ = ["Emulation", "EmulationError"]
+
+SCRIPT: Final = Path(__file__).resolve().parent / "run_local.py"
+_START_S: Final = 90.0
+_LEAVE_S: Final = 10.0
+_SLICE_S: Final = 0.05
+
+
+class EmulationError(AssertionError):
+    """The run failed, or something did not happen in time: in a test, a failure."""
+
+
+class Emulation:
+    """One run. A context manager: on leaving, none of its processes is left."""
+
+    def __init__(
+        self,
+        scenario: str | Path,
+        folder: Path,
+        *,
+        faults: Sequence[str | Mapping[str, Any]] = (),
+        record: bool = False,
+        **overrides: Any,
+    ) -> None:
+        """Start a run; it is past its first tick when this returns.
+
+        Args:
+            scenario: name of a scenario, path of a .toml file, or of a map's .yaml file.
+            folder: run folder.
+            faults: as the command line has them ("kill:relay:mid@60") or as a scenario's [[fault]] does.
+            record: leave a recording.
+            overrides: keys of the scenario, a dot written as two underscores: robots=6, radius_m=10.0,
+                deadlines__hang_s=1.0.
+
+        Raises:
+            ScenarioError: the scenario can't be run.
+            EmulationError: the run did not start.
+        """
+        values = {key.replace("__", "."): value for key, value in overrides.items()}
+        if faults:
+            values["fault"] = list(faults)
+        self.scenario = load(scenario, values)
+        self.folder = folder
+        self.events: list[Event] = []
+        """All so far."""
+        self.snapshots: list[Snapshot] = []
+        """All so far, one per tick."""
+        folder.mkdir(parents=True, exist_ok=True)
+        resolved = folder / "asked.toml"
+        resolved.write_text(self.scenario.to_toml(), encoding="utf-8")
+        (folder / "pids.json").unlink(missing_ok=True)
+        command = [sys.executable, str(SCRIPT), "--scenario", str(resolved), "--out", str(folder), "--hold"]
+        self._words = (folder / "launcher.log").open("w+", encoding="utf-8")
+        self._process = subprocess.Popen(
+            command if record else [*command, "--no-recording"],
+            stdout=self._words, stderr=self._words, start_new_session=True,
+        )  # fmt: skip
+        self._mailbox = Mailbox()
+        self._session: Session | None = None
+        self._summary: dict[str, Any] | None = None
+        try:
+            self._join()
+        except BaseException:
+            self.close()
+            raise
+
+    # Watching
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """The latest one, or None before the first."""
+        self._take_in(0.0)
+        return self.snapshots[-1] if self.snapshots else None
+
+    @property
+    def simulated_s(self) -> float:
+        """Simulated time of the latest snapshot."""
+        latest = self.snapshot
+        return 0.0 if latest is None else round((latest.tick + 1) * TICK_S, 1)
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name: launcher, world, medium, station, robot/1, ..."""
+        try:
+            pids: dict[str, int] = json.loads((self.folder / "pids.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
+        return pids
+
+    @property
+    def over(self) -> bool:
+        """The launcher has ended, and with it everybody."""
+        return self._process.poll() is not None
+
+    def wait_until(self, condition: Callable[[], object], timeout_s: float = 60.0) -> None:
+        """Return as soon as `condition()` is true; it is asked whenever news have come in.
+
+        Raises:
+            EmulationError: it did not come true within so much wall time, or before the run was over.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            over = self.over
+            self._take_in(_SLICE_S)
+            if condition():
+                return
+            if over:
+                raise EmulationError(f"the run was over before that: {self._tail()}")
+            if time.monotonic() > deadline:
+                raise EmulationError(f"not within {timeout_s:g} s (at {self.simulated_s:g} s simulated): {self._tail()}")
+
+    def wait_for(self, simulated_s: float, timeout_s: float = 60.0) -> None:
+        """Wait until so much is simulated."""
+        self.wait_until(lambda: self.simulated_s >= simulated_s, timeout_s)
+
+    def recovery(self, of: int | str, timeout_s: float = 60.0) -> dict[str, Any]:
+        """The verdict on a fault, as soon as it is final (docs/faults.md lists its fields).
+
+        Args:
+            of: whom it struck (4, "station"), or the fault as the command line has it ("kill:relay:mid@60"). Of
+                several the last.
+            timeout_s: of wall time.
+
+        Raises:
+            EmulationError: there is no such verdict in time.
+        """
+        found: list[dict[str, Any]] = []
+
+        def look() -> bool:
+            told = [event.data for event in self.events if event.kind == "recovery"]
+            if self.over:
+                told = self.summary["recoveries"]
+            found[:] = [verdict for verdict in told if _is_of(verdict, of)]
+            return bool(found)
+
+        self.wait_until(look, timeout_s)
+        return found[-1]
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """summary.json of the run; waits for its end.
+
+        Raises:
+            EmulationError: it left none.
+        """
+        if self._summary is None:
+            self.wait_until(lambda: self.over, 600.0)
+            self._take_in(0.0)
+            try:
+                self._summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
+            except FileNotFoundError:
+                raise EmulationError(f"the run left no summary: {self._tail()}") from None
+        return self._summary
+
+    # Acting
+
+    def kill(self, who: int | str) -> None:
+        """`kill -9` by hand: a robot's id, or the name of a process (station, world, medium, launcher)."""
+        self._signal(who, signal.SIGKILL)
+
+    def pause(self, who: int | str) -> None:
+        """`kill -STOP` by hand."""
+        self._signal(who, signal.SIGSTOP)
+
+    def resume(self, who: int | str) -> None:
+        """`kill -CONT` by hand."""
+        self._signal(who, signal.SIGCONT)
+
+    def command(self, words: str) -> dict[str, Any]:
+        """Ask what `deploy/ctl.py` asks, such as "status", "hold", "go" or "fault jam:1,2@0+5".
+
+        Raises:
+            EmulationError: the run refused, or does not answer.
+        """
+        try:
+            assert self._session is not None
+            told: dict[str, Any] = json.loads(self._session.ask(self._session.keys.control, words, timeout_s=10.0))
+        except BusError as error:
+            raise EmulationError(f"{words!r}: {error}") from error
+        if "error" in told:
+            raise EmulationError(f"{words!r}: {told['error']}")
+        return told
+
+    def stop(self) -> dict[str, Any]:
+        """End the run now, in good order; returns its summary."""
+        with contextlib.suppress(EmulationError):
+            self.command("interrupt")
+        return self.summary
+
+    def close(self) -> None:
+        """End whatever is left."""
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+        self._process.terminate()
+        try:
+            self._process.wait(_LEAVE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._words.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # Inside
+
+    def _join(self) -> None:
+        deadline = time.monotonic() + _START_S
+        operator = self.folder / OPERATOR
+        while self._session is None:
+            if self.over:
+                raise EmulationError(f"the run did not start: {self._tail()}")
+            if time.monotonic() > deadline:
+                raise EmulationError(f"no run within {_START_S:g} s: {self._tail()}")
+            with contextlib.suppress(FileNotFoundError, BusError):
+                told = json.loads(operator.read_text(encoding="utf-8"))
+                login = Login(told["run"], told["endpoint"], told["user"], told["password"])
+                self._session = Session.connect(login)
+                continue
+            time.sleep(_SLICE_S)
+        keys = self._session.keys
+        self._session.subscribe(self._mailbox, keys.feed, keys.event)
+        self.wait_until(self._answers, _START_S)
+        self.command("go")
+        self.wait_until(lambda: self.snapshots, _START_S)
+
+    def _answers(self) -> bool:
+        """All processes are there: the world has been released from waiting and is held now."""
+        try:
+            return bool(self.pids) and "tick" in self.command("status")
+        except EmulationError:
+            return False
+
+    def _signal(self, who: int | str, number: signal.Signals) -> None:
+        name = f"robot/{who}" if isinstance(who, int) and who != STATION else "station" if who == STATION else str(who)
+        if name not in self.pids:
+            raise EmulationError(f"there is no {name} in this run: {', '.join(self.pids)}")
+        os.kill(self.pids[name], number)
+
+    def _take_in(self, timeout_s: float) -> None:
+        while (message := self._mailbox.get(timeout_s)) is not None:
+            timeout_s = 0.0
+            key, payload = message
+            if payload is None:
+                continue
+            if key.endswith("/feed"):
+                self.snapshots += map(Snapshot.decode, unbatch(payload))
+            else:
+                self.events.append(Event.decode(payload))
+
+    def _tail(self) -> str:
+        if self._words.closed:
+            return "closed"
+        lines = Path(self._words.name).read_text(encoding="utf-8").splitlines()
+        return " | ".join(lines[-5:]) or "it said nothing"
+
+
+def _is_of(verdict: Mapping[str, Any], of: int | str) -> bool:
+    if isinstance(of, int):
+        return bool(verdict["robot"] == of)
+    if of == "station":
+        return bool(verdict["robot"] == STATION)
+    fault = parse_fault(of)
+    return (verdict["kind"], tick_of(verdict["at_s"])) == (fault.verb, tick_of(fault.at_s))

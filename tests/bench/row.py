@@ -1,0 +1,45 @@
+"""One line of the benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from world.messages import TICK_S
+
+__all__ = ["Row"]
+
+
+@dataclass
+class Row:
+    """One run and what it cost."""
+
+    what: str
+    """processes, in-process, or floor and its name"""
+    robots: int
+    simulated_s: float
+    factor: float
+    """Real-time factor while it ticked, start-up and end left out."""
+    cpu_ms_per_tick: float
+    """Processor time of all processes together."""
+    p50_ms: float | None
+    p99_ms: float | None
+    recording: bool | None = None
+    start_s: float | None = None
+    """From the command to the first tick."""
+    private_mb: dict[str, float] = field(default_factory=dict)
+    trace_sha256: str | None = None
+    mean_degree: float | None = None
+    """Neighbors in range of each other, over robots and ticks."""
+
+    @property
+    def ticks_per_s(self) -> float:
+        return self.factor / TICK_S
+
+    @property
+    def cpu_us_per_robot_tick(self) -> float:
+        return self.cpu_ms_per_tick * 1e3 / self.robots
+
+    @property
+    def agent_mb(self) -> float | None:
+        """The most that a robot's process held for itself."""
+        return max((mb for name, mb in self.private_mb.items() if name.startswith("robot/")), default=None)
