@@ -36,6 +36,8 @@ class Kind(IntEnum):
     """`Stop`, to everybody."""
     REFUSED = 3
     """Nothing: another living process is this node."""
+    PING = 4
+    """Nothing, to the medium, which answers on its `done` key with nothing."""
 
 
 _KINDS: Final = frozenset(map(int, Kind))
@@ -137,3 +139,7 @@ class Patience:
         self.waited_s += min(max(now_s - self._since_s, 0.0), self.SLICE_S)
         self._since_s = now_s
         return self.waited_s
+
+    def excuse(self, now_s: float) -> None:
+        """Let the time since the last call not count."""
+        self._since_s = now_s

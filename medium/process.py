@@ -119,6 +119,8 @@ class Shell:
             if departed.tick == self._gather.tick:
                 self._gather.depart(departed.node)
                 self._step_if_complete()
+        elif kind == Kind.PING:
+            self._put_done(b"")
         else:
             self._begin(Positions.decode(body))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
 import signal
@@ -17,14 +18,16 @@ from typing import Any
 import psutil
 import pytest
 from conftest import ROOT, alive, wait_until
+from study_workers import die_once_told, pretend
 
 from deploy.scenario import ScenarioError, load
+from deploy.study import main
 from deploy.study_claims import fig6_claims, fig7_claims
 from deploy.study_execution import DaskCluster, Execution, LocalPool
-from deploy.study_plan import Discard, Study, Variant, load_study, points_of, study_names
+from deploy.study_plan import Discard, Point, Study, Variant, load_study, points_of, study_names
 from deploy.study_plots import draw
 from deploy.study_report import write_report
-from deploy.study_run import ERROR, Finished, failed_row, run_point
+from deploy.study_run import ERROR, Finished, run_point
 from deploy.study_statistics import Bounds, bounds_of, estimate, goes_first, kept, mean_rates
 from deploy.study_table import Results, differences
 
@@ -77,18 +80,6 @@ class Threads:
         self._executor.shutdown()
 
 
-def pretend(key: str, variant: str, toml: str, engine: Any, _step_s: int) -> Finished:
-    """A run that costs nothing."""
-    return Finished({**failed_row(key, variant, toml, engine, ""), "status": "searched", "error": None}, {})
-
-
-def die_once_told(key: str, variant: str, toml: str, engine: Any, step_s: int) -> Finished:
-    """A run whose process is gone if its seed is 2."""
-    if "\nseed = 2\n" in toml:
-        os._exit(7)
-    return pretend(key, variant, toml, engine, step_s)
-
-
 @pytest.fixture
 def pool() -> Iterator[LocalPool]:
     workers = LocalPool(2)
@@ -133,14 +124,19 @@ def test_a_stored_scenario_is_the_very_run(tmp_path: Path) -> None:
     assert load(results.scenario_path(point.key)).to_toml() == point.toml
 
 
+@functools.cache
+def shipped(name: str) -> list[Point]:
+    return points_of(load_study(name))
+
+
 @pytest.mark.parametrize("name", study_names())
 def test_every_shipped_study_fits_together(name: str) -> None:
-    whole, quick = points_of(load_study(name)), points_of(load_study(name, quick=True))
+    whole, quick = shipped(name), points_of(load_study(name, quick=True))
     assert 0 < len(quick) < len(whole)
 
 
 def test_the_figures_cover_what_was_asked_for() -> None:
-    fig6, fig7 = (points_of(load_study(name)) for name in ("fig6", "fig7"))
+    fig6, fig7 = shipped("fig6"), shipped("fig7")
     assert len(fig6) >= 3 * 30
     assert len(fig7) >= 3 * 13 * 10
     assert all("store_and_forward = false" in point.toml for point in fig6 + fig7)
@@ -274,18 +270,25 @@ def test_kill_9_loses_only_what_was_running(tmp_path: Path) -> None:
     assert (out / "tiny.png").exists()
 
 
-@pytest.mark.processes
-def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
-    for arguments, words in (
-        (["fig8"], "fig7"),
-        (["fig7", "--workers", "0"], "--workers"),
-        ([tmp_path / "none.toml"], "No such file"),
-        (["fig7", "fig6", "--out", tmp_path], "--out"),
-    ):
-        ended = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60, check=False)
-        assert ended.returncode == 2, arguments
-        assert ended.stderr.count("\n") == 1
-        assert words in ended.stderr
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fig8"], "did you mean 'fig7'"),
+        (["fig7", "--workers", "0"], "--workers 0"),
+        (["nowhere/none.toml"], "No such file"),
+        (["fig7", "fig6", "--out", "x"], "--out takes one study"),
+        (["fig7", "report"], "report stands alone"),
+        (["fig7", "--compare", "nowhere"], "no results.parquet"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("study.py: ")
+    assert said.count("\n") == 1
+    assert words in said
 
 
 @pytest.mark.processes

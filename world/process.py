@@ -67,6 +67,10 @@ class Shell:
         self._stopwatch = Stopwatch()
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._done: Done | None = None
+        self._asked: Patience | None = None
+        """Since when the medium owes an answer."""
+        self._heard_s = time.monotonic()
+        """When something came in last."""
         self._leaving: dict[int, str] = {}
         """Nodes that left during the tick, until the medium has told whether they still counted."""
         self._mediums: set[str] = set()
@@ -192,6 +196,9 @@ class Shell:
         patience = Patience(time.monotonic())
         while gather.missing:
             self._receive(Patience.SLICE_S)
+            if gather.missing and not self._medium_answers():
+                patience.excuse(time.monotonic())
+                continue
             waited_s = patience.wait(time.monotonic())
             if waited_s > config.hang_deadline_s and gather.missing:
                 excused = () if self._pace.interrupted or waited_s > config.return_deadline_s else late
@@ -206,6 +213,23 @@ class Shell:
             if patience.wait(time.monotonic()) > deadline_s:
                 raise _RunError(f"the medium was silent for {deadline_s:g} s")
         return moved_s
+
+    def _medium_answers(self) -> bool:
+        """Whether a node's silence is its own: nothing gets here past a medium that is stopped, for it is the router.
+
+        Raises:
+            _RunError: the medium has not answered for longer than its deadline.
+        """
+        now_s = time.monotonic()
+        if self._asked is None:
+            if now_s - self._heard_s > Patience.SLICE_S / 2:
+                self._asked = Patience(now_s)
+                self._put_positions(seal(Kind.PING, 0))
+            return True
+        deadline_s = self._config.hang_deadline_s if self._pace.interrupted else self._config.medium_deadline_s
+        if self._asked.wait(now_s) > deadline_s:
+            raise _RunError(f"the medium was silent for {deadline_s:g} s")
+        return False
 
     def _end(self) -> Stop | None:
         core, messages = self._core, self._gather.messages
@@ -244,6 +268,7 @@ class Shell:
             if not self._session.connected():
                 raise LostError("router is gone")
             return
+        self._heard_s = time.monotonic()
         try:
             self._take(message)
         except WireError as error:
@@ -258,6 +283,8 @@ class Shell:
         node = self._motions.get(key)
         if node is not None and data is not None:
             self._moved(node, data)
+        elif key == self._done_key and not data:
+            self._asked = None
         elif key == self._done_key and data is not None:
             done = Done.decode(data)
             if done.tick == self._gather.tick:
