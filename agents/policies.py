@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 
 from agents.scout import Scout
 from agents.vds import Vds
@@ -25,6 +26,8 @@ def policy_class(name: str) -> type[Vds]:
     module, colon, attribute = name.partition(":")
     if not colon:
         raise PolicyError(f"should be one of {', '.join(_NAMED)}, or module:Class")
+    if "" not in sys.path:
+        sys.path.append("")  # a policy of one's own mostly lies where the run is started
     try:
         found = getattr(importlib.import_module(module), attribute, None)
     except ImportError as error:

@@ -133,7 +133,9 @@ class Emulation:
             if over:
                 raise EmulationError(f"the run was over before that: {self._tail()}")
             if time.monotonic() > deadline:
-                raise EmulationError(f"not within {timeout_s:g} s (at {self.simulated_s:g} s simulated): {self._tail()}")
+                raise EmulationError(
+                    f"not within {timeout_s:g} s (at {self.simulated_s:g} s simulated): {self._tail()}"
+                )
 
     def wait_for(self, simulated_s: float, timeout_s: float = 60.0) -> None:
         """Wait until so much is simulated."""

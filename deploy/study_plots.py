@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -105,41 +106,60 @@ def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
         for j, variant in enumerate(variants):
             of_curve = [row for row in shown if row["robots"] == robots and row["variant"] == variant]
             label = f"N = {robots}" if len(variants) == 1 else f"N = {robots}, {variant}"
-            _curve(axis, of_curve, label, color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)])
+            style = _Style(color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)], 0.97 - 0.05 * (i + j * len(fleets)))
+            _curve(axis, of_curve, label, style)
         axis.axvline(bounds.r_low_m(robots), color=color, linestyle=":", linewidth=1)
         axis.annotate(
-            f"$r_{{low}}$ {robots}", (bounds.r_low_m(robots), 0.99), xycoords=("data", "axes fraction"),
-            rotation=90, va="top", ha="right", color=color, fontsize=7,
+            f"$r_{{low}}$, N = {robots}", (bounds.r_low_m(robots), 0.02), xycoords=("data", "axes fraction"),
+            rotation=90, va="bottom", ha="right", color=color, fontsize=7,
         )  # fmt: skip
     low_s, high_s = bounds.t_low_s
     axis.axhspan(low_s, high_s, color="0.5", alpha=0.3, linewidth=0, label="$T_{low}$")
     axis.set_xlabel("transmission radius $r_t$ (m)")
     axis.set_ylabel("search time $T$ of all cells (s)")
     axis.set_ylim(bottom=0)
+    axis.set_xlim(left=0)
     axis.legend(loc="upper right")
-    _caption(figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those")
+    _caption(
+        figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those; cross: none did"
+    )
     return figure
 
 
-def _curve(axis: Axes, rows: Sequence[Row], label: str, color: str, marker: str, line: str) -> None:
+@dataclass(frozen=True)
+class _Style:
+    color: str
+    marker: str
+    line: str
+    none_at: float
+    """Height, as a share of the axes, at which radii stand that no run finished."""
+
+
+def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
     """One N (and variant) of Fig. 7; points that not all runs finished are hollow and say how many did."""
     radii, means, halves = [], [], []
+    color = style.color
     for radius_m in sorted({row["radius_m"] for row in rows}):
         here = [row for row in rows if row["radius_m"] == radius_m]
         times = [row[ALL] for row in here if row[ALL] is not None]
         found = estimate(times)
+        place = (radius_m, found.mean if times else style.none_at)
+        where = axis.transData if times else axis.get_xaxis_transform()
         if len(times) < len(here):
-            place = (radius_m, found.mean) if times else (radius_m, 0.0)
-            axis.plot(*place, marker=marker if times else "x", color=color, mfc="white", ls="", ms=7, zorder=3)
+            axis.plot(
+                *place, marker=style.marker if times else "x", color=color, mfc="white", ls="", ms=7, zorder=3,
+                transform=where,
+            )  # fmt: skip
             axis.annotate(
-                f"{len(times)}/{len(here)}", place, xytext=(4, 5), textcoords="offset points", color=color, fontsize=7
-            )
+                f"{len(times)}/{len(here)}", place, where, xytext=(5, -3), textcoords="offset points", color=color,
+                fontsize=7,
+            )  # fmt: skip
         if times:
             radii.append(radius_m)
             means.append(found.mean)
             halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
     axis.errorbar(
-        radii, means, yerr=halves, color=color, marker=marker, ms=4, ls=line, lw=1.2, capsize=2.5, label=label
+        radii, means, halves, color=color, marker=style.marker, ms=4, ls=style.line, lw=1.2, capsize=2.5, label=label
     )
 
 

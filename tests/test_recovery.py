@@ -12,6 +12,7 @@ from world.messages import NOBODY, UNREACHABLE, Snapshot
 from world.recovery import Recoveries
 
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
+STATION_M = (0.0, 0.0)
 UNTOUCHED = {"departed": False, "incarnation": 0, "reports_before": 0, "reports_made": 0, "reports_discarded": 0}
 """What stands of an orphan that lived on and made no scan report."""
 
@@ -39,7 +40,7 @@ class Watch:
     """Feeds snapshots of consecutive ticks."""
 
     def __init__(self, tick: int = 9) -> None:
-        self.recoveries = Recoveries()
+        self.recoveries = Recoveries(STATION_M)
         self.last = shown(tick, CHAIN)
 
     def fault(self, fault: Fault, node: int = NOBODY) -> None:
@@ -149,6 +150,9 @@ def test_jams_cut_links_while_they_last() -> None:
     region = Watch()
     region.fault(Fault("jam", 1.0, "2.5,-1,3.5,1", 1.0))
     assert region.verdict()["orphaned"] == [3, 4]
+    station = Watch()
+    station.fault(Fault("jam", 1.0, "-1,-1,0.5,1", 1.0))
+    assert station.verdict()["orphaned"] == [1, 2, 3, 4, 5], "the MS hears nobody"
     away = Watch()
     away.fault(Fault("jam", 1.0, "1,3", 1.0))
     assert away.verdict()["recovered"] == "not affected"

@@ -95,7 +95,7 @@ class World:
         self._by_hand: list[Fault] = []
         self._jams: list[tuple[int, Jam]] = []
         self._losses: list[tuple[int, float]] = []
-        self._recoveries = Recoveries()
+        self._recoveries = Recoveries(config.station_m)
         self._events: list[Event] = []
         self._interrupted = False
         self._status = "failed"

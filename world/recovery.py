@@ -61,7 +61,9 @@ class _Watch:
 class Recoveries:
     """Watches the orphans of every fault of a run."""
 
-    def __init__(self) -> None:
+    def __init__(self, station_m: tuple[float, float]) -> None:
+        """`station_m`: where the MS stands."""
+        self._station_m = station_m
         self._watches: list[_Watch] = []
         self._open: list[_Watch] = []
 
@@ -82,7 +84,7 @@ class Recoveries:
         watch = _Watch(fault, node, tick, jam, until)
         for robot in before.nodes.tolist():
             chain = chain_to_station(robot, before)
-            cut = node in chain[1:] if jam is None else _jammed(chain, jam, before)
+            cut = node in chain[1:] if jam is None else _jammed(chain, jam, before, self._station_m)
             if cut and before.hops[robot - 1] != UNREACHABLE:
                 watch.orphans[robot] = _orphan(int(before.nms[robot - 1]), robot, reports)
         self._watches.append(watch)
@@ -141,8 +143,7 @@ class Recoveries:
                 watch.orphans[robot] = orphan = _orphan(int(before.nms[i]), robot, reports)
                 orphan.detected_tick = snapshot.tick
 
-    @staticmethod
-    def _follow(watch: _Watch, robot: int, orphan: _Orphan, snapshot: Snapshot, station_speaks: bool) -> None:
+    def _follow(self, watch: _Watch, robot: int, orphan: _Orphan, snapshot: Snapshot, station_speaks: bool) -> None:
         i, tick = robot - 1, snapshot.tick
         if not snapshot.present[i]:
             orphan.departed = True
@@ -151,7 +152,8 @@ class Recoveries:
         if orphan.detected_tick is None and not (finite and snapshot.nms[i] == orphan.nms):
             orphan.detected_tick = tick
         chain = chain_to_station(robot, snapshot) if finite and station_speaks else []
-        if chain and not (watch.jam is not None and tick < watch.until_tick and _jammed(chain, watch.jam, snapshot)):
+        jam = watch.jam if tick < watch.until_tick else None
+        if chain and not (jam is not None and _jammed(chain, jam, snapshot, self._station_m)):
             orphan.recovered_tick = tick
         else:
             orphan.ticks_without_path += 1
@@ -220,12 +222,12 @@ def _since(watch: _Watch, tick: int | None) -> float | None:
     return None if tick is None else round((tick - watch.tick) * TICK_S, 1)
 
 
-def _jammed(chain: list[int], jam: Jam, snapshot: Snapshot) -> bool:
-    """Whether a node of the chain cannot hear its NMS."""
+def _jammed(chain: list[int], jam: Jam, snapshot: Snapshot, station_m: tuple[float, float]) -> bool:
+    """Whether a node of the chain does not hear the next one or, in a region, hears nobody: the MS too."""
     if jam.pair is not None:
         return any({a, b} == set(jam.pair) for a, b in itertools.pairwise(chain))
     if jam.region_m is None:
         return False
     x0, y0, x1, y1 = jam.region_m
-    places = (snapshot.xy_m[node - 1] for node in chain if node != STATION)
+    places = (station_m if node == STATION else snapshot.xy_m[node - 1] for node in chain)
     return any(x0 <= x <= x1 and y0 <= y <= y1 for x, y in places)

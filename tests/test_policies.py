@@ -1,0 +1,117 @@
+"""The seam between a robot and its policy, and what makes scout different."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from agents.body import Body
+from agents.policies import PolicyError, policy_class
+from agents.scout import Scout
+from agents.vds import Vds
+from deploy.scenario import ScenarioError, load
+from deploy.simulation import Simulation
+from world.grid import FREE, OCCUPIED
+from world.messages import Cls
+
+QUICK = {"robots": 4, "duration_s": 20.0}
+
+
+def test_names_lead_to_classes() -> None:
+    assert policy_class("vds") is Vds
+    assert policy_class("scout") is Scout
+    assert issubclass(policy_class("docs.examples.nearest_frontier:NearestFrontier"), Vds)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("vdss", "vds, scout, or module:Class"),
+        ("no_such_module:Class", "cannot import no_such_module"),
+        ("agents.vds:Nothing", "no class Nothing"),
+        ("agents.explorer:Explorer", "derived from agents.vds.Vds"),
+    ],
+)
+def test_a_wrong_name_is_one_line(name: str, words: str) -> None:
+    with pytest.raises(PolicyError, match=words):
+        policy_class(name)
+    with pytest.raises(ScenarioError) as error:
+        load("three_cells", {"policy": name})
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_policy_of_ones_own_runs_and_differs() -> None:
+    own = {**QUICK, "policy": "docs.examples.nearest_frontier:NearestFrontier"}
+    ours = Simulation(load("three_cells", own)).run()
+    assert ours.finals["world"]["connected_fraction"] > 0.9
+    assert ours.trace_sha256 != Simulation(load("three_cells", QUICK)).run().trace_sha256
+
+
+def test_scout_has_its_own_radii_unless_the_scenario_says_otherwise() -> None:
+    assert load("three_cells", {"policy": "scout"}).robot_config(1).rules.routing.r_in_share == 0.9
+    said = load("three_cells", {"policy": "scout", "rules.routing.r_in_share": 0.7})
+    assert said.robot_config(1).rules.routing.r_in_share == 0.7
+    again = load("three_cells", {}).robot_config(1).rules.routing.r_in_share
+    assert again == 0.8
+
+
+@pytest.mark.parametrize(
+    ("model", "factor"), [("disk", 1.0), ("disk_los", math.inf), ("log_distance", 10 ** (18 / 30))]
+)
+def test_the_radio_model_is_part_of_a_robots_configuration(model: str, factor: float) -> None:
+    assert load("three_cells", {"radio.model": model}).robot_config(1).wall_factor == pytest.approx(factor)
+    halved = load("three_cells", {"radio.model": model, "rules.scouting.wall_loss_db": 9.0}).robot_config(1).wall_factor
+    assert halved == pytest.approx({"log_distance": 10 ** (9 / 30)}.get(model, factor))
+
+
+@pytest.fixture
+def scout() -> Scout:
+    """A scout in a walled corridor that it knows: free for y < 5, wall from 5 to 6, free beyond."""
+    config = load("three_cells", {"policy": "scout", "radio.model": "disk_los"}).robot_config(1)
+    body = Body(config, random.Random(1), 0)
+    grid = body.map.cells.reshape(config.geometry.rows, config.geometry.cols)
+    grid[:] = FREE
+    grid[10:12, :40] = OCCUPIED
+    body.map.version += 1
+    body.at = (1.0, 1.0)
+    body.router.table.set_inherent(2, Cls.RR, (15.0, 1.0), (0.0, 0.0))
+    body.router.table.set_inherent(3, Cls.RR, (1.0, 8.0), (0.0, 0.0))
+    return Scout(body)
+
+
+def test_a_wall_puts_a_neighbor_out_of_predicted_reach(scout: Scout) -> None:
+    assert scout.predicted_m((1.0, 1.0), 2) == pytest.approx(14.0)
+    assert scout.predicted_m((1.0, 1.0), 3) == math.inf
+
+
+def test_need_grows_slowly_and_falls_fast(scout: Scout) -> None:
+    for _ in range(49):
+        scout._count(stopped=True)
+    assert not scout.need
+    scout._count(stopped=True)
+    assert scout.need
+    for _ in range(100):
+        scout._count(stopped=True)
+    for _ in range(5):
+        scout._count(stopped=False)
+    assert not scout.need, "from 70 down by 5 a tick"
+
+
+@pytest.mark.parametrize("switch", ["predict", "shield", "hurry", "recruit", "wait", "stretch"])
+def test_every_rule_can_be_switched_off(switch: str) -> None:
+    overrides = {**QUICK, "policy": "scout", f"rules.scouting.{switch}": False, "radio.model": "disk_los"}
+    result = Simulation(load("three_cells", overrides)).run()
+    assert result.finals["world"]["ticks"] == 200
+
+
+def test_scout_walks_faster() -> None:
+    """D alone: relays and far targets at 2 km/h."""
+    far = {}
+    for policy in ("vds", "scout"):
+        traces = Simulation(load("three_cells", {**QUICK, "policy": policy})).run().traces
+        far[policy] = float(np.linalg.norm(np.diff(traces.xy_m, axis=0), axis=2).max())
+    assert far["scout"] >= far["vds"]
