@@ -25,8 +25,11 @@ ROW: Final = struct.Struct("<HQ18s")
 """A row on the air: dst, freshness, inherent elements."""
 
 _INHERENT: Final = struct.Struct("<H4i")
-"""What a destination says of itself, and others pass on unread: flags, and location and target (x, y) in mm. Every bit
-pattern is a valid one, so nothing in it has to be checked."""
+"""What a destination says of itself, and others pass on unread: flags, and location and target (x, y). Every bit pattern
+is a valid one, so nothing in it has to be checked."""
+
+_PER_METRE: Final = 100_000.0
+"""Places travel in steps of 10 um, up to 21 km: coarser, and a robot that hugs a wall seems to stand in it."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -68,12 +71,12 @@ class ForwardingTable:
     def location_m(self, dst: int) -> tuple[float, float]:
         """Where a known destination said that it is."""
         _, x, y, _, _ = _INHERENT.unpack(self._inherent[dst])
-        return x / 1000.0, y / 1000.0
+        return x / _PER_METRE, y / _PER_METRE
 
     def target_m(self, dst: int) -> tuple[float, float]:
         """The target that a known destination announced."""
         _, _, _, x, y = _INHERENT.unpack(self._inherent[dst])
-        return x / 1000.0, y / 1000.0
+        return x / _PER_METRE, y / _PER_METRE
 
     def cls(self, dst: int) -> int:
         """Class of a known destination (world.messages.Cls)."""
@@ -99,7 +102,7 @@ class ForwardingTable:
         self, dst: int, cls: int, at_m: tuple[float, float], target_m: tuple[float, float], *, need: bool = False
     ) -> None:
         """Write the SRRC elements of one entry."""
-        places = [round(1000.0 * value) for value in (*at_m, *target_m)]
+        places = [round(_PER_METRE * value) for value in (*at_m, *target_m)]
         self._inherent[dst] = _INHERENT.pack(cls | _NEED_BIT * need, *places)
 
     def merge(self, sender: int, rows: bytes, before: dict[int, int], sticky: int) -> int:

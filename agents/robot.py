@@ -13,6 +13,7 @@ from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport
 from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError
+from bus.phases import Mark, unmarked
 from medium.messages import BROADCAST, Frame, Inbox, Reception
 from world.messages import NOBODY, Cls, Mode, Motion, Sense, Status
 
@@ -30,6 +31,8 @@ class Robot:
         # A text seeds the same way on every machine and under every PYTHONHASHSEED.
         rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config
+        self.mark: Mark = unmarked
+        """Told at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
         self.policy = policy_class(config.policy)(self.body)
         reporting = config.rules.reporting
@@ -50,12 +53,17 @@ class Robot:
         """
         tick, body = sense.tick, self.body
         body.tick, body.at = tick, (sense.x_m, sense.y_m)
+        mark = self.mark
         updates = self._sort(inbox)
+        mark("decode")
         body.router.step(tick, updates)
+        mark("routing")
         self.uplink.acknowledge(body.router.ms.acks)
         if sense.ranges_m is not None:
             self._scan(sense)
+        mark("mapping")
         action = self._action = self.policy.step()
+        mark("planning")
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
 

@@ -23,7 +23,7 @@ class Walker:
     """The path of one robot: way points in metres, the last of them the goal."""
 
     def __init__(self, own_map: OwnMap, planner: Planner, same_goal_m: float) -> None:
-        """`same_goal_m`: a goal that moved no farther than this keeps its path."""
+        """`same_goal_m`: a goal that moved no farther than this keeps its path, until it is near."""
         self._map = own_map
         self._planner = planner
         self._same_goal_m = same_goal_m
@@ -39,7 +39,7 @@ class Walker:
     ) -> tuple[float, float]:
         """Velocity in m/s along the path to a goal, which may have moved since the last tick."""
         points, step_m = self._points, speed_m_s * TICK_S
-        if not points or math.dist(points[-1], goal) > self._same_goal_m:
+        if not points or math.dist(points[-1], goal) > min(self._same_goal_m, 0.25 * math.dist(at, goal)):
             self._follow(tick, at, goal)
         elif (self._stretched and tick - self._planned_tick >= _RENEW_TICKS) or self._astray(tick, at, step_m):
             self.plan(tick, at, goal)

@@ -14,6 +14,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from bus.codec import WireError
 from bus.lockstep import Kind, seal, unseal
+from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
 
 __all__ = ["END", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch", "exit_status"]
@@ -132,11 +133,15 @@ class Member(Generic[S, I]):
         self.mailbox = Mailbox()
         self.dropped = 0
         """Messages that were malformed."""
+        self.phases = Phases(time.perf_counter)
+        self._joined = False
+        """Whether a turn has begun: what came before is no part of the ticks."""
         keys = self.session.keys
         self._decode_sense, self._decode_inbox = sense, inbox
         self._sense_key, self._rx_key = keys.sense(node), keys.rx(node)
         self._put_motion = self.session.publisher(keys.motion(node), blocking=True)
         self._put_tx = self.session.publisher(keys.tx(node), blocking=True, last=False)
+        self._put_phases = self.session.publisher(keys.phases(role, node), blocking=False)
         self.session.subscribe(self.mailbox, self._sense_key, self._rx_key)
         self._watch = Watch(self.session, self.mailbox, "world", "medium")
         self._token = new_token(role, node)
@@ -152,17 +157,26 @@ class Member(Generic[S, I]):
             LostError: the world, the medium or the router is gone.
             RefusedError: another living process is this node.
         """
+        mark = self.phases.mark
         while True:
             message = self.mailbox.get(_POLL_S)
+            if not self._joined:
+                self.phases.skip()
+            mark("waiting")
             if message is None:
                 if (what := self._watch.check()) is not None:
                     raise LostError(f"{what} is gone")
                 continue
             if message == END or self._take(*message):
+                self._put_phases(self.phases.encode())
                 return None
+            mark("decode")
             sense, inbox = self._sense, self._inbox
             if sense is not None and (sense.first or (inbox is not None and inbox.tick == sense.tick)):
                 self._sense = self._inbox = None
+                self._joined = True
+                if sense.tick % REPORT_TICKS == 0:
+                    self._put_phases(self.phases.encode())
                 return sense, None if sense.first else inbox
 
     def _take(self, key: str, data: bytes | None) -> bool:
@@ -212,3 +226,4 @@ class Member(Generic[S, I]):
         """End the turn: the frames go out before the motion, so that who has moved has also spoken."""
         self._put_tx(transmission)
         self._put_motion(seal(Kind.DATA, self._token.incarnation, motion))
+        self.phases.mark("encode")

@@ -57,7 +57,9 @@ def survey(tables: Tables) -> Arena:
         occupied,
         station,
         zone,
-        _starts(tables, occupied, geometry, station),
+        _starts(tables, occupied, geometry, station)
+        if tables.station.start_radius_m is None
+        else _spread(tables, connected, geometry, station, tables.station.start_radius_m),
         cells,
         rectangles,
         _victims(tables, occupied, geometry, cells),
@@ -167,6 +169,20 @@ def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry,
         f"station: no free place for robot {len(starts) + 1} of {tables.robots} between "
         f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}"
     )
+
+
+def _spread(
+    tables: Tables, connected: NDArray[np.bool_], geometry: GridGeometry, station: Point, radius_m: float
+) -> NDArray[np.float64]:
+    """(robots, 2) seeded centers of free cells, no two alike, up to `radius_m` away and reachable from the MS."""
+    places = geometry.centers(np.flatnonzero(connected))
+    places = places[np.hypot(*(places - station).T) <= radius_m]
+    if len(places) < tables.robots:
+        raise ScenarioError(
+            f"station.start_radius_m = {radius_m:g}: only {len(places)} free cells there for {tables.robots} robots"
+        )
+    chosen: NDArray[np.float64] = _generator(tables.seed, _STARTS).choice(places, tables.robots, replace=False)
+    return chosen
 
 
 def _victims(

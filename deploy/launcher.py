@@ -26,6 +26,7 @@ from bus.codec import WireError
 from bus.keys import check_run
 from bus.lockstep import unbatch
 from bus.member import LOST_STATUS
+from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session
 from deploy.run_folder import OPERATOR, RunFolder
 from deploy.supervisor import Exit, Supervisor
@@ -334,12 +335,20 @@ class Launcher:
             event = Event.decode(payload)
             self._folder.event(event)
             self._view.event(event)
+        elif kind == "phases":
+            self._take_phases(rest, decode_phases(payload))
         elif kind == "signal":
             self._carry_out(Signal.decode(payload))
         elif kind == "final":
             self._finals[rest] = msgpack.unpackb(payload, strict_map_key=False)
             if rest == "world":
                 self._world_ended()
+
+    def _take_phases(self, process: str, spent_s: dict[str, float]) -> None:
+        role, _, node = process.partition("/")
+        phases = self._finals.setdefault("phases", {})
+        phases[f"robot-{node}" if role == "robot" else role] = spent_s
+        self._view.phases(phases)
 
     def _world_ended(self) -> None:
         """Everybody closes his files now; who was stopped is continued for that."""
@@ -382,7 +391,9 @@ class _Pump:
         self._wake = wake
         self._box = Mailbox()
         keys = session.keys
-        session.subscribe(self._box, keys.feed, keys.event, keys.signal, keys.final("*"))
+        session.subscribe(
+            self._box, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*", "*")
+        )
         self._thread = threading.Thread(target=self._run, name="pump", daemon=True)
         self._thread.start()
 

@@ -35,6 +35,9 @@ class View(Protocol):
     def event(self, event: Event) -> None:
         """Something happened in the run."""
 
+    def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None:
+        """Seconds by process and phase of its ticks, so far."""
+
     def line(self, words: str) -> None:
         """Something happened to a process."""
 
@@ -72,6 +75,7 @@ class Silence:
     def processes(self, pids: Mapping[str, int]) -> None: ...
     def snapshot(self, snapshot: Snapshot) -> None: ...
     def event(self, event: Event) -> None: ...
+    def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None: ...
     def line(self, words: str) -> None: ...
     def close(self) -> None: ...
 
@@ -103,6 +107,8 @@ class PlainLines:
         if event.kind != "role":
             self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
 
+    def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None: ...
+
     def line(self, words: str) -> None:
         self._console.print(words, markup=False, highlight=False, soft_wrap=True)
 
@@ -118,6 +124,7 @@ class LiveTable:
         self._clock = _Clock()
         self._pids: Mapping[str, int] | None = None
         self._latest: Snapshot | None = None
+        self._phases: Mapping[str, Mapping[str, float]] = {}
         self._drawn_at = 0.0
         self._live = Live(console=console, auto_refresh=False)
         self._live.start()
@@ -137,6 +144,9 @@ class LiveTable:
         if event.kind != "role":
             self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
 
+    def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None:
+        self._phases = spent_s
+
     def line(self, words: str) -> None:
         self._live.console.print(words, markup=False, highlight=False)
 
@@ -154,7 +164,7 @@ class LiveTable:
         bars = Table.grid(padding=(0, 1))
         for name, rate in zip(self._cells, s.search_rate, strict=False):
             bars.add_row(name, ProgressBar(total=1.0, completed=rate, width=40), f"{rate:.0%}")
-        return Group(self._robots(s), bars, head)
+        return Group(self._robots(s), bars, head, *_blame(self._phases))
 
     def _robots(self, s: Snapshot) -> Table:
         table = Table("robot", "pid", "class", "hops", "NMS", "MSR", "state", box=None, pad_edge=False)
@@ -168,6 +178,21 @@ class LiveTable:
         if len(s.nodes) > self._tallest:
             table.add_row("...", "", "", "", "", "", f"{len(s.nodes) - self._tallest} more")
         return table
+
+
+def _blame(phases: Mapping[str, Mapping[str, float]]) -> list[Text]:
+    """Where the time of the ticks goes: one line for each kind of process, waiting left to the end."""
+    kinds: dict[str, dict[str, float]] = {}
+    for process, spent_s in phases.items():
+        kind = kinds.setdefault(process.partition("-")[0], {})
+        for phase, seconds in spent_s.items():
+            kind[phase] = kind.get(phase, 0.0) + seconds
+    lines = []
+    for name, kind in sorted(kinds.items()):
+        total = sum(kind.values()) or 1.0
+        ranked = sorted(kind, key=lambda phase: (phase == "waiting", -kind[phase]))  # noqa: B023  # used at once
+        lines.append(Text(f"{name:8}" + "  ".join(f"{phase} {kind[phase] / total:.0%}" for phase in ranked)))
+    return lines
 
 
 def _node(node: int) -> str:

@@ -132,6 +132,8 @@ class RunFolder:
             ),
             "tick_ms": world.get("tick_ms"),
             "tick_blame": world.get("tick_blame"),
+            "tick_phases": _phases_ms(finals.get("phases"), ticks),
+            "ticked_unix_s": world.get("ticked_unix_s"),
             "why": world.get("why"),
         }
 
@@ -184,6 +186,16 @@ def living_launcher(folder: Path) -> int | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return pid
+
+
+def _phases_ms(spent_s: Mapping[str, Mapping[str, float]] | None, ticks: int) -> dict[str, dict[str, float]] | None:
+    """Milliseconds per tick of the run, by process and phase."""
+    if not spent_s or not ticks:
+        return None
+    return {
+        process: {phase: round(seconds * 1e3 / ticks, 4) for phase, seconds in sorted(phases.items())}
+        for process, phases in sorted(spent_s.items())
+    }
 
 
 _COLUMNS: Final = (

@@ -7,6 +7,7 @@ Exit status: 0 when the run ended as asked, 1 when a process failed, 2 for bad i
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
 import os
 import signal
@@ -74,6 +75,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     _require_modules()
     try:
+        if options.live and (options.no_recording or options.in_process):
+            raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
         scenario = _scenario(options)
         baseline = _baseline(options.compare, scenario)
         endpoint = None if options.in_process else _endpoint(options.port)
@@ -218,17 +221,20 @@ def _run_processes(
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, port_of
     from deploy.launcher import Launcher
+    from deploy.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None
-    if live_port is not None:
-        view.line(f"watch it: rerun rerun+http://127.0.0.1:{live_port}/proxy")
     launcher = Launcher(
         scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
         held=options.hold,
     )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: launcher.interrupt())
-    outcome = launcher.run()
+    with contextlib.ExitStack() as beside:
+        if live_port is not None:
+            web_port = None if has_display(os.environ) else port_of(free_endpoint())
+            beside.enter_context(LiveViewer(live_port, web_port, folder.path / "logs" / "viewer.log", view.line))
+        outcome = launcher.run()
     return outcome.summary, outcome.failures
 
 

@@ -7,7 +7,7 @@ invariant 2), so whatever is learned here holds there.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -124,6 +124,7 @@ class Simulation:
         transmissions: dict[int, Transmission] = {}
         motions: dict[int, Motion] = {}
         report = None
+        self._step_unheard(begin.unheard)
         for node, sense in begin.senses.items():
             inbox = None if sense.first else self._inboxes[node]
             if node == STATION:
@@ -146,6 +147,17 @@ class Simulation:
             for event in end.events:
                 watch.event(event)
         return end.snapshot, end.stop is not None
+
+    def _step_unheard(self, senses: Mapping[int, Sense]) -> None:
+        """The step that a paused node still takes, as a process that is stopped does."""
+        for node, sense in senses.items():
+            inbox = None if sense.first else self._inboxes[node]
+            if node == STATION:
+                station = self._station_for(sense)
+                station.step(sense, inbox)
+                self._journal += station.journal()
+            else:
+                self._robot_for(node, sense).step(sense, inbox)
 
     def _robot_for(self, node: int, sense: Sense) -> Robot:
         if sense.first and self._incarnation.get(node) != sense.incarnation:

@@ -13,6 +13,7 @@ import os
 import platform
 import random
 import shlex
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -290,4 +291,6 @@ def _say(console: Console, words: str) -> None:
 if __name__ == "__main__":
     # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
     sys.path[0] = str(ROOT)
+    # Ended by a batch system, as by Ctrl-C: what is finished goes into the tables.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(main())

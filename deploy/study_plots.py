@@ -119,7 +119,7 @@ def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
     axis.set_ylabel("search time $T$ of all cells (s)")
     axis.set_ylim(bottom=0)
     axis.set_xlim(left=0)
-    axis.legend(loc="upper right")
+    axis.legend(loc="best")
     _caption(
         figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those; cross: none did"
     )
@@ -136,28 +136,24 @@ class _Style:
 
 
 def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
-    """One N (and variant) of Fig. 7; points that not all runs finished are hollow and say how many did."""
+    """One N (and variant) of Fig. 7; points that not all runs finished are hollow, with how many did."""
     radii, means, halves = [], [], []
     color = style.color
     for radius_m in sorted({row["radius_m"] for row in rows}):
         here = [row for row in rows if row["radius_m"] == radius_m]
         times = [row[ALL] for row in here if row[ALL] is not None]
         found = estimate(times)
-        place = (radius_m, found.mean if times else style.none_at)
-        where = axis.transData if times else axis.get_xaxis_transform()
+        if not times:
+            axis.plot(radius_m, style.none_at, marker="x", color=color, ls="", transform=axis.get_xaxis_transform())
+            continue
         if len(times) < len(here):
-            axis.plot(
-                *place, marker=style.marker if times else "x", color=color, mfc="white", ls="", ms=7, zorder=3,
-                transform=where,
-            )  # fmt: skip
-            axis.annotate(
-                f"{len(times)}/{len(here)}", place, where, xytext=(5, -3), textcoords="offset points", color=color,
-                fontsize=7,
-            )  # fmt: skip
-        if times:
-            radii.append(radius_m)
-            means.append(found.mean)
-            halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
+            place = (radius_m, found.mean)
+            axis.plot(*place, marker=style.marker, color=color, mfc="white", ls="", ms=7, zorder=3)
+            words = f"{len(times)}/{len(here)}"
+            axis.annotate(words, place, xytext=(5, 3), textcoords="offset points", color=color, fontsize=7)
+        radii.append(radius_m)
+        means.append(found.mean)
+        halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
     axis.errorbar(
         radii, means, halves, color=color, marker=style.marker, ms=4, ls=style.line, lw=1.2, capsize=2.5, label=label
     )

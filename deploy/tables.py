@@ -67,6 +67,8 @@ class StationPlace:
     """None: the free cell nearest to the middle of the floor plan."""
     safety_zone_m: Rectangle | None = None
     """x0, y0, x1, y1; None: the largest square around the station, up to 3 m each way, that holds no wall."""
+    start_radius_m: Positive | None = None
+    """Robots start anywhere up to this far from the station that can be reached; None: 1 to 3 m away, in its sight."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class Medium:
     """Sans-IO core of the radio.
 
     It sees source, link-layer destination and size of a frame. The digest of a run is SHA-256 over, tick by tick, the
-    true positions and every counted transmission in node order.
+    true positions and every counted transmission in node order, of those whose transmission counted.
     """
 
     def __init__(self, config: MediumConfig) -> None:
@@ -46,7 +46,7 @@ class Medium:
             transmissions: by node; a node of the roster without one departed during the tick.
         """
         ids = positions.nodes.tolist()
-        self._record(positions, [transmissions[i] for i in ids if i in transmissions])
+        self._record(positions, transmissions)
         power, heard = self._propagation.received(positions.nodes, positions.xy_m)
         self._jam(positions, heard)
         loss = 1.0 - (1.0 - self._config.radio.loss) * (1.0 - positions.loss)
@@ -91,12 +91,16 @@ class Medium:
         """Count frames that were not let onto the air."""
         self.rejected += frames
 
-    def _record(self, positions: Positions, transmissions: list[Transmission]) -> None:
+    def _record(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> None:
+        """Only who counted is in the trace: one who left during the tick, and one who had left before, are the same."""
+        counted = np.array([node in transmissions for node in positions.nodes.tolist()], np.bool_)
+        nodes = positions.nodes[counted]
         update = self._trace.update
-        update(_TICK.pack(positions.tick, len(positions.nodes)))
-        update(positions.nodes.tobytes())
-        update(positions.xy_m.tobytes())
-        for transmission in transmissions:
+        update(_TICK.pack(positions.tick, len(nodes)))
+        update(nodes.tobytes())
+        update(positions.xy_m[counted].tobytes())
+        for node in nodes.tolist():
+            transmission = transmissions[node]
             for dst, payload in transmission.frames:
                 update(_FRAME.pack(transmission.src, dst, len(payload)))
                 update(payload)

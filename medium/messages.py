@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from typing import Final, NamedTuple
 
-import numpy as np
-
-from bus.codec import WireError, column, integer, pack, unpack
+from bus.codec import WireError, integer, pack, unpack
 from world.messages import MAX_NODE, MAX_TICK
 
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""
 
 MAX_FRAME_BYTES: Final = 1 << 20
-_F8: Final = np.dtype("<f8")
 
 
 class Frame(NamedTuple):
@@ -59,6 +59,10 @@ class Reception(NamedTuple):
     payload: bytes
 
 
+# An inbox is decoded by every node at every tick, so its parts are made without a Python call for each.
+_reception = partial(tuple.__new__, Reception)
+
+
 @dataclass(frozen=True, slots=True)
 class Inbox:
     """Every frame that a node hears at `tick`: those sent at `tick` - 1, ordered by source, then as sent."""
@@ -67,17 +71,20 @@ class Inbox:
     receptions: tuple[Reception, ...]
 
     def encode(self) -> bytes:
-        heard = self.receptions
-        powers = np.array([r.rx_power_dbm for r in heard], _F8).tobytes()
-        return pack((self.tick, [r.src for r in heard], powers, [r.payload for r in heard]))
+        sources, powers, payloads = zip(*self.receptions, strict=True) if self.receptions else ((), (), ())
+        return pack((self.tick, sources, struct.pack(f"<{len(powers)}d", *powers), payloads))
 
     @classmethod
     def decode(cls, data: bytes) -> Inbox:
         tick, sources, raw, payloads = unpack(data, 4)
         if not isinstance(sources, list) or not isinstance(payloads, list) or len(sources) != len(payloads):
             raise WireError("sources and payloads are lists of one length")
-        powers = column(raw, _F8, len(sources))
-        if not np.isfinite(powers).all() or not all(isinstance(p, bytes) for p in payloads):
+        if type(raw) is not bytes or len(raw) != 8 * len(sources):
+            raise WireError("powers are a column as long as sources")
+        powers = struct.unpack(f"<{len(sources)}d", raw)
+        if not all(map(isfinite, powers)) or not all([type(p) is bytes for p in payloads]):
             raise WireError("a power is not finite, or a payload not bytes")
-        heard = zip(sources, powers.tolist(), payloads, strict=True)
-        return cls(integer(tick, 0, MAX_TICK), tuple(Reception(integer(s, 0, MAX_NODE), p, b) for s, p, b in heard))
+        if not all([type(s) is int and 0 <= s <= MAX_NODE for s in sources]):
+            raise WireError("a source is not a node")
+        heard = map(_reception, zip(sources, powers, payloads, strict=True))
+        return cls(integer(tick, 0, MAX_TICK), tuple(heard))

@@ -15,6 +15,7 @@ import msgpack
 from bus.codec import WireError
 from bus.lockstep import Gather, Kind, unseal
 from bus.member import LostError, exit_status
+from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
 from medium.config import MediumConfig
 from medium.core import Medium
@@ -71,6 +72,8 @@ class Shell:
         self._nodes: dict[str, int] = {}
         self._put_done = session.publisher(keys.done, blocking=True)
         self._put_final = session.publisher(keys.final("medium"), blocking=True)
+        self._phases = Phases(time.perf_counter)
+        self._put_phases = session.publisher(keys.phases("medium"), blocking=False)
         session.subscribe(self._mailbox, keys.positions, keys.tx("*"))
         session.watch(self._mailbox, *(keys.alive(role) for role in self._alive))
         session.declare(new_token("medium"))
@@ -84,11 +87,15 @@ class Shell:
                 raise LostError(f"no world came within {_START_S:g} s")
             if self._world_seen and not self._alive["world"] and not self._last_words():
                 raise LostError("world is gone")
+        self._put_phases(self._phases.encode())
         self._put_final(msgpack.packb(self._core.final() | {"malformed": self._dropped}))
         self._linger()
 
     def _receive(self, timeout_s: float) -> bool:
         message = self._mailbox.get(timeout_s)
+        if self._gather.tick < 0:
+            self._phases.skip()
+        self._phases.mark("waiting")
         if message is None:
             if not self._hosts and not self._session.connected():
                 raise LostError("router is gone")
@@ -103,6 +110,7 @@ class Shell:
                 self._transmitted(key, data or b"")
         except WireError as error:
             self._drop(key, error)
+        self._phases.mark("decode")
         return True
 
     def _token_changed(self, key: str, *, present: bool) -> None:
@@ -154,13 +162,19 @@ class Shell:
             return
         self._positions = None
         transmissions = self._gather.messages
-        for node, inbox in self._core.step(positions, transmissions).items():
+        self._phases.mark("decode")
+        inboxes = self._core.step(positions, transmissions)
+        self._phases.mark("step")
+        for node, inbox in inboxes.items():
             put = self._put_rx.get(node)
             if put is None:
                 key = self._session.keys.rx(node)
                 put = self._put_rx[node] = self._session.publisher(key, blocking=True)
             put(inbox.encode())
         self._put_done(Done(positions.tick, tuple(transmissions)).encode())
+        self._phases.mark("encode")
+        if positions.tick % REPORT_TICKS == 0:
+            self._put_phases(self._phases.encode())
 
     def _drop(self, key: str, error: WireError) -> None:
         self._dropped += 1

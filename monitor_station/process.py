@@ -102,10 +102,12 @@ class Shell:
             if station is None:
                 station = self._start(sense)
             frames, report = station.step(sense, inbox)
+            member.phases.mark("step")
             self._keep(station.journal())
             member.answer(Transmission(sense.tick, STATION, frames).encode(), report.encode())
             if self._screen is not None:
                 self._screen.show(station)
+                member.phases.mark("recording")
         if station is not None:
             save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
             self._put_final(msgpack.packb(station.final() | {"malformed": member.dropped}))

@@ -180,7 +180,7 @@ def test_pace_follows_speed_hold_and_step() -> None:
         "speed inf",
         "step 0",
         "step x",
-        "go",
+        "go on",
         "fault",
         "fault x",
         "fault kill:9@0",

@@ -30,7 +30,7 @@ def test_a_death_nobody_scheduled(counted: bool) -> None:
     assert run.present_at(2) == list(range(21))
     assert run.world.awaited() == frozenset()
     form = {"verb": "kill", "target": "2", "at_s": 2.1 if counted else 2.0}
-    assert [event.data for event in run.faults] == [form]
+    assert [event.data for event in run.faults] == [form | {"cause": "died"}]
     final = run.world.final()
     assert final["faults"] == [form]
     assert final["wall_clock_faults"] == 1

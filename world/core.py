@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,9 @@ class Begin:
     positions: Positions
     signals: tuple[Signal, ...]
     """What the supervisor does to processes now."""
+    unheard: dict[int, Sense] = field(default_factory=dict)
+    """Of each node that is paused now: it still takes this step, and nobody waits for it or hears of it. A process that
+    is stopped at any moment does the same, so a freeze by hand can be replayed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +137,7 @@ class World:
         if entry is None:
             return
         took = "its last tick counted" if counted else "its last tick did not count"
-        self._log(node, f"{_name(node)}: {cause}; {took}", fault_form(entry))
+        self._log(node, f"{_name(node)}: {cause}; {took}", fault_form(entry) | {"cause": cause})
         self._recoveries.begin(entry, node, since, self._snapshot, self._reports())
 
     def inject(self, fault: Fault) -> None:
@@ -159,15 +162,18 @@ class World:
             raise RuntimeError(f"tick {self.tick} cannot begin: begun {self._ticking}, awaited {sorted(awaited)}")
         tick = self.tick
         signals = self._admit(tick)
+        before = self._roster.nodes()
         signals += self._act(tick)
         self._ticking = True
         self._taking_part = self._roster.nodes()
         present = np.array(self._taking_part, np.int16)
+        paused = [node for node in before if self._roster.paused(node)]
         return Begin(
             tick,
             self._senses.at(tick, self._taking_part, self._xy, self._roster),
             Positions(tick, present, self._xy[present], self._jams_of(tick), self._loss_of(tick)),
             tuple(signals),
+            self._senses.at(tick, paused, self._xy, self._roster) if paused else {},
         )
 
     def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, boolean, column, finite, integer, pack, text, unpack
+from bus.codec import WireError, all_finite, boolean, column, finite, integer, pack, text, unpack
 
 TICK_S: Final = 0.1
 """Simulated seconds of one tick (paper, III: ten forwarding-table updates per second)."""
@@ -80,7 +80,7 @@ class Sense(NamedTuple):
     def decode(cls, data: bytes) -> Sense:
         tick, first, incarnation, x, y, raw, victims = unpack(data, 7)
         ranges = None if raw is None else column(raw, _F8)
-        if ranges is not None and not np.isfinite(ranges).all():
+        if ranges is not None and not all_finite(ranges):
             raise WireError("a range is not finite")
         return cls(
             integer(tick, 0, MAX_TICK),
@@ -212,7 +212,7 @@ class Positions:
         tick, nodes, xy, jams, loss = unpack(data, 5)
         ids = column(nodes, _I2)
         places = column(xy, _F8, 2 * len(ids)).reshape(-1, 2)
-        if not np.isfinite(places).all() or not isinstance(jams, list):
+        if not all_finite(places) or not isinstance(jams, list):
             raise WireError("positions are not finite, or jams not a list")
         return cls(integer(tick, 0, MAX_TICK), ids, places, tuple(_jam(j) for j in jams), finite(loss))
 

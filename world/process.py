@@ -18,6 +18,7 @@ import msgpack
 from bus.codec import WireError
 from bus.lockstep import Gather, Kind, Patience, batch, seal, unseal
 from bus.member import LostError, exit_status
+from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Message, Session, new_token
 from world.attendance import Attendance
 from world.config import WorldConfig
@@ -65,6 +66,7 @@ class Shell:
         self._attendance = Attendance()
         self._pace = Pace(config.speed, time.monotonic, robots=config.robots, held=config.held)
         self._stopwatch = Stopwatch()
+        self._phases = Phases(time.perf_counter)
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._done: Done | None = None
         self._asked: Patience | None = None
@@ -100,6 +102,7 @@ class Shell:
         self._put_positions = session.publisher(keys.positions, blocking=True)
         self._put_signal = session.publisher(keys.signal, blocking=True)
         self._put_final = session.publisher(keys.final("world"), blocking=True)
+        self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._put_feed = session.publisher(keys.feed, blocking=False)
         self._put_event = session.publisher(keys.event, blocking=False)
         self._done_key = keys.done
@@ -143,13 +146,19 @@ class Shell:
             started_s = time.perf_counter()
             for fault in self._pace.faults():
                 core.inject(fault)
+            self._phases.skip()
             begin = core.begin()
+            self._phases.mark("step")
             self._pace.began()
             self._send(begin)
+            self._phases.mark("encode")
             sent_s = time.perf_counter()
             moved_s = self._collect(begin)
             done_s = time.perf_counter()
             stop = self._end()
+            self._phases.mark("step")
+            if begin.tick % REPORT_TICKS == 0:
+                self._put_phases(self._phases.encode())
             last = None if self._gather.last is None else _name(self._gather.last).replace(" ", "-")
             self._stopwatch.tick(started_s, sent_s, moved_s, done_s, time.perf_counter(), last)
             if stop is not None:
@@ -179,6 +188,8 @@ class Shell:
     def _send(self, begin: Begin) -> None:
         self._gather = Gather(begin.tick, begin.senses)
         self._done = None
+        for node, sense in begin.unheard.items():
+            self._put_senses[node](seal(Kind.DATA, self._attendance.token(node), sense.encode()))
         for order in begin.signals:
             self._attendance.signalled(order.node, order.verb)
             self._put_signal(order.encode())
@@ -264,6 +275,9 @@ class Shell:
 
     def _receive(self, timeout_s: float) -> None:
         message = self._mailbox.get(timeout_s)
+        if self._gather.tick != self._core.tick:
+            self._phases.skip()
+        self._phases.mark("waiting")
         if message is None:
             if not self._session.connected():
                 raise LostError("router is gone")
@@ -275,6 +289,7 @@ class Shell:
             self._dropped += 1
             if self._dropped == 1:
                 log.warning("dropped a malformed message on %s: %s (further ones are only counted)", message[0], error)
+        self._phases.mark("decode")
         if self._medium_lost:
             raise _RunError("the medium is gone")
 
@@ -343,6 +358,7 @@ class Shell:
 
     def _finish(self, stop: Stop) -> None:
         self._flush()
+        self._put_phases(self._phases.encode())
         word = seal(Kind.STOP, 0, stop.encode())
         for put in self._put_senses:
             put(word)

@@ -57,6 +57,11 @@ class Roster:
     def present(self, node: int) -> bool:
         return self._members[node].present
 
+    def paused(self, node: int) -> bool:
+        """Away by schedule, its process stopped."""
+        member = self._members[node]
+        return not member.present and member.back_tick is not None and not member.needs_process
+
     def nodes(self) -> list[int]:
         return [node for node, member in enumerate(self._members) if member.present]
 

@@ -21,7 +21,7 @@ Sightings: TypeAlias = tuple[tuple[int, float, float], ...]
 
 
 class Purpose(IntEnum):
-    """What the world draws random numbers for; each purpose has a generator of its own."""
+    """What the world draws random numbers for; none of them depends on another."""
 
     LIDAR = 0
     POSE = 1
@@ -42,19 +42,18 @@ class Senses:
         self._caster = Caster(config.occupied, config.geometry, config.lidar.beams, config.lidar.range_m)
         self._walls, self._geometry = pad(config.occupied, config.geometry)
         self._victims = np.asarray(config.victims_m, np.float64).reshape(-1, 2)
-        self._lidar_noise = seeded(config.seed, Purpose.LIDAR)
-        self._pose_noise = seeded(config.seed, Purpose.POSE)
+        self._seed = config.seed
 
     def at(self, tick: int, nodes: list[int], xy_m: NDArray[np.float64], roster: Roster) -> dict[int, Sense]:
         """Senses of `nodes`, ascending; `xy_m` is (robots + 1, 2), where everybody truly is.
 
         A robot scans at its first tick and whenever (tick + node) is a multiple of the lidar's interval.
         """
-        poses = xy_m
+        places = xy_m.tolist()
         if self._pose_noise_m > 0:
-            poses = poses + self._pose_noise.normal(0.0, self._pose_noise_m, poses.shape)
-            poses[STATION] = xy_m[STATION]
-        places = poses.tolist()
+            for node in (n for n in nodes if n != STATION):
+                noise = self._generator(Purpose.POSE, tick, node).normal(0.0, self._pose_noise_m, 2)
+                places[node] = (xy_m[node] + noise).tolist()
         interval = self._lidar.interval_ticks
         due = [n for n in nodes if n != STATION and ((tick + n) % interval == 0 or roster.first(n))]
         victims = self._victims_seen(due, xy_m)
@@ -63,16 +62,20 @@ class Senses:
             x, y = places[node]
             first, incarnation = roster.first(node), roster.incarnation(node)
             if node in victims:
-                senses[node] = Sense(tick, first, incarnation, x, y, self._scan(*xy_m[node].tolist()), victims[node])
+                senses[node] = Sense(tick, first, incarnation, x, y, self._scan(tick, node, xy_m), victims[node])
             else:
                 senses[node] = Sense(tick, first, incarnation, x, y)
         return senses
 
-    def _scan(self, x_m: float, y_m: float) -> NDArray[np.float64]:
+    def _generator(self, purpose: Purpose, tick: int, node: int) -> np.random.Generator:
+        """One for each node and tick: who else is there, and who was, changes nobody's noise (Salmon et al. 2011)."""
+        return np.random.Generator(np.random.Philox(counter=[0, 0, node, tick], key=[self._seed, int(purpose)]))
+
+    def _scan(self, tick: int, node: int, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         lidar = self._lidar
-        ranges = self._caster.cast(x_m, y_m)
+        ranges = self._caster.cast(*xy_m[node].tolist())
         if lidar.noise_m > 0:
-            noisy = ranges + self._lidar_noise.normal(0.0, lidar.noise_m, len(ranges))
+            noisy = ranges + self._generator(Purpose.LIDAR, tick, node).normal(0.0, lidar.noise_m, len(ranges))
             ranges = np.where(ranges < lidar.range_m, noisy.clip(0.0, lidar.range_m), ranges)
         return ranges
 

@@ -1,0 +1,253 @@
+#!/usr/bin/env python3
+"""Whole missions against what the procedure promises, too long for the test suite: `make acceptance`.
+
+Prints a section of Markdown each, with what was asked, what came out, and a verdict; exit status 1 if any fails.
+`python tests/acceptance.py missions digests` runs those only; `--seeds 2` is a quick look.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy is imported; a run is one thread
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from deploy.scenario import load  # noqa: E402 - found by the line above
+from deploy.simulation import Simulation  # noqa: E402
+
+Run = tuple[str, Mapping[str, Any]]
+"""A scenario and its overrides."""
+
+
+class Outcome(NamedTuple):
+    """What a run came to."""
+
+    seed: int
+    status: str
+    search_time_s: float | None
+    digest: str
+    recoveries: list[dict[str, Any]]
+
+
+def run(task: Run) -> Outcome:
+    """One run in this process."""
+    name, overrides = task
+    result = Simulation(load(name, overrides)).run()
+    world, station = result.finals["world"], result.finals["station"]
+    return Outcome(
+        int(overrides["seed"]),
+        world["status"],
+        station["search_time_s"]["all"],
+        result.trace_sha256,
+        world["recoveries"],
+    )
+
+
+def run_all(tasks: Iterable[Run]) -> list[Outcome]:
+    """All runs, in order, on all cores."""
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(run, tasks))
+
+
+def times_of(outcomes: list[Outcome]) -> list[float]:
+    return [o.search_time_s for o in outcomes if o.search_time_s is not None]
+
+
+def spread(times: list[float]) -> str:
+    if not times:
+        return "-"
+    deviation = statistics.stdev(times) if len(times) > 1 else 0.0
+    return f"{statistics.mean(times):.0f} ± {deviation:.0f} s"
+
+
+def verdict(ok: bool) -> str:
+    return "met" if ok else "**not met**"
+
+
+def missions(seeds: int) -> Iterator[str | bool]:
+    """Issue: nine robots at r_t = 20 m search all cells in 19 of 20 seeds, near the prototype's mean."""
+    prototype_s = 589.0
+    outcomes = run_all(("three_cells", {"seed": s}) for s in range(1, seeds + 1))
+    times = times_of(outcomes)
+    yield "## Nine robots, r_t = 20 m\n"
+    yield f"All cells searched in {len(times)} of {seeds} seeds (at least 19 of 20 asked): "
+    ok = len(times) >= 0.95 * seeds
+    yield f"{verdict(ok)}.\n"
+    yield ok
+    ratio = statistics.mean(times) / prototype_s if times else 0.0
+    close = abs(ratio - 1.0) <= 0.15
+    yield f"Search time {spread(times)}, {ratio:.2f} of the prototype's 589 ± 114 s (0.85 to 1.15 asked): "
+    yield f"{verdict(close)}.\n"
+    yield (
+        "Seeds: " + ", ".join("-" if o.search_time_s is None else f"{o.search_time_s:.0f}" for o in outcomes) + " s.\n"
+    )
+
+
+def digests(seeds: int) -> Iterator[str | bool]:
+    """Issue: five full missions have the same trace digest in one process and in many."""
+    count = min(5, seeds)
+    yield "## One process or many\n"
+    outcomes = run_all(("three_cells", {"seed": s}) for s in range(1, count + 1))
+    yield "| seed | in one process | in many | real-time factor of the many, with recording |\n|---|---|---|---|\n"
+    for outcome in outcomes:
+        summary = in_processes("--seed", str(outcome.seed))
+        same = summary["trace_sha256"] == outcome.digest
+        yield f"| {outcome.seed} | `{outcome.digest[:12]}` | `{str(summary['trace_sha256'])[:12]}` "
+        yield f"| {summary['real_time_factor']:.1f} |\n"
+        yield same
+    yield "\n"
+
+
+def in_processes(*options: str) -> dict[str, Any]:
+    """The summary of a run of real processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, str(ROOT / "deploy/run_local.py"), "--out", folder, "-q", *options]
+        subprocess.run(command, check=True)
+        summary: dict[str, Any] = json.loads((Path(folder) / "summary.json").read_text())
+    return summary
+
+
+POLICY_CELLS = {
+    "disk": ((6, 12.0), (9, 9.0), (12, 12.0), (9, 20.0)),
+    "walls": ((12, 20.0), (12, 15.0), (9, 15.0), (6, 20.0)),
+}
+
+
+def cell(robots: int, radius_m: float, seeds: int, **more: Any) -> list[Outcome]:
+    fixed = {"robots": robots, "radius_m": radius_m, "duration_s": 3000.0, **more}
+    return run_all(("three_cells", {**fixed, "seed": s}) for s in range(1, seeds + 1))
+
+
+def policies_disk(seeds: int) -> Iterator[str | bool]:
+    """Issue: on disk, scout needs at most 0.75 of vds in four cells."""
+    yield "## Policy `scout` against the paper's rules, disk\n"
+    yield "| N / r_t | vds | scout | scout, walking at 1 km/h | ratio | ratio at 1 km/h |\n|---|---|---|---|---|---|\n"
+    for robots, radius in POLICY_CELLS["disk"]:
+        base = times_of(cell(robots, radius, seeds))
+        fast = times_of(cell(robots, radius, seeds, policy="scout"))
+        slow = times_of(cell(robots, radius, seeds, policy="scout", **{"rules.scouting.hurry": False}))
+        ratios = [statistics.mean(t) / statistics.mean(base) if t and base else float("nan") for t in (fast, slow)]
+        yield f"| {robots} / {radius:g} | {spread(base)} ({len(base)}) | {spread(fast)} ({len(fast)}) "
+        yield f"| {spread(slow)} ({len(slow)}) | {ratios[0]:.2f} | {ratios[1]:.2f} |\n"
+        yield ratios[0] <= 0.75
+    yield "\nIn brackets: how many finished within 3,000 s. At most 0.75 asked.\n"
+
+
+def policies_walls(seeds: int) -> Iterator[str | bool]:
+    """Issue: behind walls scout finishes in (nearly) all seeds."""
+    yield "## Policy `scout` behind walls\n"
+    yield "| N / r_t | disk_los | finished | log_distance, n = 2.2, 18 dB a wall | finished |\n|---|---|---|---|---|\n"
+    for robots, radius in POLICY_CELLS["walls"]:
+        blocked = times_of(cell(robots, radius, seeds, policy="scout", **{"radio.model": "disk_los"}))
+        faded = times_of(
+            cell(robots, radius, seeds, policy="scout", **{"radio.model": "log_distance", "radio.exponent": 2.2})
+        )
+        yield f"| {robots} / {radius:g} | {spread(blocked)} | {len(blocked)} of {seeds} "
+        yield f"| {spread(faded)} | {len(faded)} of {seeds} |\n"
+        yield len(blocked) >= (0.95 if (robots, radius) == (6, 20.0) else 1.0) * seeds
+        yield len(faded) >= 0.95 * seeds
+    yield "\n"
+
+
+def policies_trouble(seeds: int) -> Iterator[str | bool]:
+    """Issue: loss, shadowing, a misjudged wall and a dead relay, N = 12, r_t = 15 m behind walls."""
+    logd = {"radio.model": "log_distance", "radio.exponent": 2.2}
+    cases: dict[str, dict[str, Any]] = {
+        "30 % frame loss": {"radio.model": "disk_los", "radio.loss": 0.3},
+        "4 dB shadowing": {**logd, "radio.shadowing_db": 4.0},
+        "a wall believed to cost 9 dB, not 18": {**logd, "rules.scouting.wall_loss_db": 9.0},
+        "a wall believed to cost 27 dB, not 18": {**logd, "rules.scouting.wall_loss_db": 27.0},
+        "relay killed at 120 s": {"radio.model": "disk_los", "fault": ["kill:relay:mid@120"]},
+    }
+    yield "## Policy `scout` in trouble: N = 12, r_t = 15 m, behind walls\n"
+    yield "| trouble | search time | finished (18 of 20 asked) | last orphan back (90 s asked) |\n|---|---|---|---|\n"
+    for name, overrides in cases.items():
+        outcomes = cell(12, 15.0, seeds, policy="scout", **overrides)
+        done = times_of(outcomes)
+        back = [r["recovered_s"] for o in outcomes for r in o.recoveries if r["orphaned"]]
+        last = "-" if not back else "never" if None in back else f"{max(back):.1f} s"
+        yield f"| {name} | {spread(done)} | {len(done)} of {seeds} | {last} |\n"
+        yield len(done) >= 0.9 * seeds
+        yield None not in back and max(back, default=0.0) <= 90.0
+    yield "\n"
+
+
+ORPHAN_RADII_M = (20.0, 18.0, 15.0, 12.0)
+"""r_t = 20 m, and what it shrinks to as long as too few seeds have an orphan."""
+
+
+def dead_relay(seeds: int) -> Iterator[str | bool]:
+    """Issue: N = 12, a relay in the middle of the chain is killed at 120 s; every orphan is back within 60 s."""
+    yield "## A dead relay: N = 12, `kill:relay:mid@120`\n"
+    yield "| r_t | seeds with an orphan | orphans | back after (median, longest) | seeds with all back within 60 s "
+    yield "| all cells searched | search time |\n|---|---|---|---|---|---|---|\n"
+    for radius in ORPHAN_RADII_M:
+        outcomes = cell(12, radius, seeds, duration_s=4000.0, fault=["kill:relay:mid@120"])
+        orphans = [[o for r in outcome.recoveries for o in r["orphans"]] for outcome in outcomes]
+        # An orphan that was struck itself is not waited for.
+        back = [[o["recovered_s"] for o in seed if not o["departed"]] for seed in orphans]
+        healed = sum(all(t is not None and t <= 60.0 for t in seed) for seed in back)
+        known = [t for seed in back for t in seed if t is not None]
+        done = times_of(outcomes)
+        cut_off = sum(bool(seed) for seed in orphans)
+        after = f"{statistics.median(known):.1f} s, {max(known):.1f} s" if known else "-"
+        yield f"| {radius:g} m | {cut_off} of {seeds} | {sum(map(len, orphans))} | {after} | {healed} of {seeds} "
+        yield f"| {len(done)} of {seeds} | {spread(done)} |\n"
+        yield healed == seeds
+        yield len(done) == seeds
+        if cut_off >= 0.75 * seeds:
+            yield f"\nAn orphan in at least 15 of 20 seeds (asked): {verdict(True)} at r_t = {radius:g} m.\n"
+            yield True
+            return
+    yield f"\nAn orphan in at least 15 of 20 seeds (asked): {verdict(False)}.\n"
+    yield False
+
+
+SECTIONS: dict[str, Callable[[int], Iterator[str | bool]]] = {
+    "missions": missions,
+    "digests": digests,
+    "policies_disk": policies_disk,
+    "policies_walls": policies_walls,
+    "policies_trouble": policies_trouble,
+    "dead_relay": dead_relay,
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Whole missions against what is promised.")
+    parser.add_argument("sections", nargs="*", help=f"of {', '.join(SECTIONS)} (default: all)")
+    parser.add_argument("--seeds", type=int, default=20)
+    options = parser.parse_args()
+    unknown = [name for name in options.sections if name not in SECTIONS]
+    if unknown or options.seeds < 1:
+        print(f"acceptance.py: no section {', '.join(unknown)}, or no seeds", file=sys.stderr)
+        return 2
+    print(f"# Acceptance\n\n{os.cpu_count()} cores, Python {platform.python_version()}, {options.seeds} seeds.\n")
+    good = True
+    for name in options.sections or SECTIONS:
+        for part in SECTIONS[name](options.seeds):
+            if isinstance(part, bool):
+                good &= part
+            else:
+                print(part, end="", flush=True)
+        print(flush=True)
+    print("All met." if good else "**Not all met.**")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

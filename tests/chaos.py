@@ -1,0 +1,141 @@
+"""Chaos: a random fault every 10 simulated seconds, on real processes, and what must hold all the same.
+
+    tests/chaos.py [--seconds 1000] [--seeds 5]
+
+The faults are drawn from the seed and scheduled, so a run of chaos can be run again to the bit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from deploy.emulation import Emulation  # noqa: E402
+from deploy.scenario import load  # noqa: E402
+from deploy.simulation import Simulation  # noqa: E402
+
+ROBOTS: Final = 12
+RADIUS_M: Final = 6.0
+"""Short enough that the search does not end before 1,000 s."""
+EVERY_S: Final = 10.0
+MOST_DOWN: Final = 2
+GROWTH: Final = 1.25
+"""A process may hold so much more memory at the end than after the first fifth of the run (its map has grown)."""
+SLACK_KB: Final = 16_000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run of chaos."""
+
+    seed: int
+    faults: int
+    simulated_s: float
+    wall_s: float
+    slowest_tick_ms: float
+    problems: tuple[str, ...]
+
+
+def plan(seed: int, seconds: float) -> list[str]:
+    """The faults of a run: at most two robots are down at a time."""
+    draw = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 99])))
+    faults: list[str] = []
+    down: list[tuple[float, int]] = []
+    """(until, robot)"""
+    for k in range(1, int(seconds / EVERY_S)):
+        at_s = k * EVERY_S
+        down = [(until, robot) for until, robot in down if until > at_s]
+        verbs = ["jam", "loss"] + ["restart", "pause"] * (len(down) < MOST_DOWN)
+        verb = str(draw.choice(verbs))
+        lasting_s = round(float(draw.uniform(2.0, 18.0)), 1)
+        robot = int(draw.choice([r for r in range(1, ROBOTS + 1) if r not in {r for _, r in down}]))
+        other = robot % ROBOTS + 1
+        target = {"jam": f"{robot},{other}", "loss": f"{draw.uniform(0.05, 0.5):.2f}"}.get(verb, str(robot))
+        faults.append(f"{verb}:{target}@{at_s:g}+{lasting_s:g}")
+        if verb in ("restart", "pause"):
+            down.append((at_s + lasting_s, robot))
+    return faults
+
+
+def chaos(seed: int, seconds: float, folder: Path) -> Outcome:
+    """Run chaos in real processes and once more in this one; tells what did not hold."""
+    faults = plan(seed, seconds)
+    options = {"robots": ROBOTS, "radius_m": RADIUS_M, "seed": seed, "duration_s": seconds}
+    begun = time.monotonic()
+    memory: dict[str, list[int]] = {}
+    problems: list[str] = []
+    with Emulation("three_cells", folder, faults=faults, **options) as run:
+        for tenth in range(2, 10):
+            run.wait_for(tenth * seconds / 10, 600.0)
+            for name in ("launcher", "world", "medium", "station"):
+                memory.setdefault(name, []).append(_resident_kb(run.pids[name]))
+        summary, pids = run.summary, run.pids
+        left = [name for name, pid in pids.items() if _is_ours(pid)]
+        away = max(int((s.present == 0).sum()) for s in run.snapshots)
+    wall_s = time.monotonic() - begun
+    again = Simulation(load("three_cells", {**options, "fault": faults})).run()
+    for name, held in memory.items():
+        if held[-1] > held[0] * GROWTH + SLACK_KB:
+            problems.append(f"{name} grew from {held[0]} to {held[-1]} kB")
+    for wrong, words in (
+        (summary["status"] not in ("time_limit", "searched"), f"status {summary['status']}"),
+        (summary["failures"], f"failures {summary['failures']}"),
+        (summary["wall_clock_faults"] != 0, f"{summary['wall_clock_faults']} left out beyond the deadline"),
+        (len(summary["recoveries"]) != len(faults), f"{len(summary['recoveries'])} of {len(faults)} faults acted"),
+        (away > MOST_DOWN, f"{away} robots down at once"),
+        (summary["scan_reports"]["lost"] != 0, f"{summary['scan_reports']['lost']} scan reports lost"),
+        (any(v["scan_reports"]["lost"] for v in summary["recoveries"]), "a fault lost scan reports"),
+        (left, f"processes left behind: {left}"),
+        (summary["trace_sha256"] != again.trace_sha256, "another trace when run again"),
+    ):
+        if wrong:
+            problems.append(words)
+    return Outcome(seed, len(faults), summary["simulated_s"], wall_s, summary["tick_ms"]["p99"], tuple(problems))
+
+
+def _resident_kb(pid: int) -> int:
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS:")), 0)
+
+
+def _is_ours(pid: int) -> bool:
+    """The process is there, and is one of a run: a pid may have been given away again."""
+    try:
+        return b"vds " in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def main() -> int:
+    """Run the chosen seeds; returns 1 if anything did not hold."""
+    parser = argparse.ArgumentParser(description="a random fault every 10 simulated seconds, on real processes")
+    parser.add_argument("--seconds", type=float, default=1000.0, help="simulated seconds of each run")
+    parser.add_argument("--seeds", type=int, default=5, help="how many runs")
+    options = parser.parse_args()
+    failed = False
+    for seed in range(1, options.seeds + 1):
+        with tempfile.TemporaryDirectory(prefix="vds-chaos-") as folder:
+            o = chaos(seed, options.seconds, Path(folder))
+        words = "; ".join(o.problems) or "all held"
+        print(
+            f"seed {seed}: {o.faults} faults in {o.simulated_s:.0f} s simulated ({o.wall_s:.0f} s wall), "
+            f"99 % of the ticks within {o.slowest_tick_ms:.0f} ms: {words}",
+            flush=True,
+        )
+        failed = failed or bool(o.problems)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
