@@ -45,7 +45,7 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "tx": Row("radio/{node}/tx", "put", ("node",), ("medium",)),
     "rx": Row("radio/{node}/rx", "put", ("medium",), ("node",)),
     "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
-    "phases": Row("@sim/phases/{process}/{node}", "put", ("world", "medium", "node"), ("operator",)),
+    "phases": Row("@sim/phases/{process}", "put", ("world", "medium", "node"), ("operator",)),
     "event": Row("@sim/event", "put", ("world", "medium", "station"), ("station", "operator")),
     "feed": Row("@sim/feed", "put", ("world",), ("station", "operator")),
     "signal": Row("@sim/signal", "put", ("world",), ("operator",)),
@@ -125,9 +125,9 @@ class Keys:
         """Robot -> recorder: `Table`, outside the lockstep."""
         return self.key("table", node=node)
 
-    def phases(self, process: str, node: int | str = 0) -> str:
-        """Any process -> launcher: `bus.phases.Phases` so far; `node` is 0 for all but robots."""
-        return self.key("phases", process=process, node=node)
+    def phases(self, process: str) -> str:
+        """Any process (by its user's name) -> launcher: `bus.phases.Phases` so far, outside the lockstep."""
+        return self.key("phases", process=process)
 
     @property
     def event(self) -> str:

@@ -141,7 +141,7 @@ class Member(Generic[S, I]):
         self._sense_key, self._rx_key = keys.sense(node), keys.rx(node)
         self._put_motion = self.session.publisher(keys.motion(node), blocking=True)
         self._put_tx = self.session.publisher(keys.tx(node), blocking=True, last=False)
-        self._put_phases = self.session.publisher(keys.phases(role, node), blocking=False)
+        self._put_phases = self.session.publisher(keys.phases(login.user), blocking=False)
         self.session.subscribe(self.mailbox, self._sense_key, self._rx_key)
         self._watch = Watch(self.session, self.mailbox, "world", "medium")
         self._token = new_token(role, node)

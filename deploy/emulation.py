@@ -48,7 +48,7 @@ class Emulation:
         record: bool = False,
         **overrides: Any,
     ) -> None:
-        """Start a run; it is past its first tick when this returns.
+        """Start a run; some of its first ticks are over when this returns, and none of them was missed.
 
         Args:
             scenario: name of a scenario, path of a .toml file, or of a map's .yaml file.

@@ -345,9 +345,8 @@ class Launcher:
                 self._world_ended()
 
     def _take_phases(self, process: str, spent_s: dict[str, float]) -> None:
-        role, _, node = process.partition("/")
         phases = self._finals.setdefault("phases", {})
-        phases[f"robot-{node}" if role == "robot" else role] = spent_s
+        phases[process] = spent_s
         self._view.phases(phases)
 
     def _world_ended(self) -> None:
@@ -391,9 +390,7 @@ class _Pump:
         self._wake = wake
         self._box = Mailbox()
         keys = session.keys
-        session.subscribe(
-            self._box, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*", "*")
-        )
+        session.subscribe(self._box, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*"))
         self._thread = threading.Thread(target=self._run, name="pump", daemon=True)
         self._thread.start()
 
@@ -416,13 +413,15 @@ class _Pump:
 
 def _write_private(path: Path, login: Login) -> None:
     """Leave the operator's credentials for deploy/ctl.py, readable by this user only."""
-    path.unlink(missing_ok=True)
+    draft = path.with_name(f"{path.name}.part")
+    draft.unlink(missing_ok=True)
     text = json.dumps({
         "run": login.run, "endpoint": login.endpoint, "user": login.user, "password": login.password,
         "launcher": os.getpid(),
     })  # fmt: skip
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(text)
+    draft.replace(path)
 
 
 def _indent(text: str) -> str:

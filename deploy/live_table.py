@@ -54,6 +54,11 @@ def state_of(s: Snapshot, row: int, pids: Mapping[str, int] | None) -> str:
     return _STATES.get(Mode(int(s.mode[row])), "relay" if s.cls[row] == Cls.RR else "search")
 
 
+def _worth_a_line(event: Event) -> bool:
+    """Not changes of class, which a table shows, nor the first routes, which every robot finds as the run begins."""
+    return event.kind != "role" and not (event.kind == "link" and event.tick <= 1)
+
+
 class _Clock:
     """Simulated time against wall time since the first snapshot."""
 
@@ -104,7 +109,7 @@ class PlainLines:
             self.line(f"{snapshot.tick * TICK_S:8.1f} s  searched {cells}  real-time factor {factor:.1f}")
 
     def event(self, event: Event) -> None:
-        if event.kind != "role":
+        if _worth_a_line(event):
             self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
 
     def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None: ...
@@ -127,7 +132,6 @@ class LiveTable:
         self._phases: Mapping[str, Mapping[str, float]] = {}
         self._drawn_at = 0.0
         self._live = Live(console=console, auto_refresh=False)
-        self._live.start()
 
     def processes(self, pids: Mapping[str, int]) -> None:
         self._pids = pids
@@ -141,7 +145,7 @@ class LiveTable:
             self._draw()
 
     def event(self, event: Event) -> None:
-        if event.kind != "role":
+        if _worth_a_line(event):
             self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
 
     def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None:
@@ -152,10 +156,14 @@ class LiveTable:
 
     def close(self) -> None:
         self._draw()
-        self._live.stop()
+        if self._live.is_started:
+            self._live.stop()
 
     def _draw(self) -> None:
         if self._latest is not None:
+            # Not before there is something to show: an empty place would leave an empty line after every line above.
+            if not self._live.is_started:
+                self._live.start()
             self._live.update(self._render(self._latest), refresh=True)
 
     def _render(self, s: Snapshot) -> RenderableType:
@@ -163,7 +171,7 @@ class LiveTable:
         head = Text(f"{s.tick * TICK_S:.1f} s simulated, real-time factor {factor:.1f}, {s.merged} scan reports merged")
         bars = Table.grid(padding=(0, 1))
         for name, rate in zip(self._cells, s.search_rate, strict=False):
-            bars.add_row(name, ProgressBar(total=1.0, completed=rate, width=40), f"{rate:.0%}")
+            bars.add_row(_cell(name), ProgressBar(total=1.0, completed=rate, width=40), f"{rate:.0%}")
         return Group(self._robots(s), bars, head, *_blame(self._phases))
 
     def _robots(self, s: Snapshot) -> Table:
@@ -190,9 +198,13 @@ def _blame(phases: Mapping[str, Mapping[str, float]]) -> list[Text]:
     lines = []
     for name, kind in sorted(kinds.items()):
         total = sum(kind.values()) or 1.0
-        ranked = sorted(kind, key=lambda phase: (phase == "waiting", -kind[phase]))  # noqa: B023  # used at once
-        lines.append(Text(f"{name:8}" + "  ".join(f"{phase} {kind[phase] / total:.0%}" for phase in ranked)))
+        ranked = sorted(kind.items(), key=lambda item: (item[0] == "waiting", -item[1]))
+        lines.append(Text(f"{name:8}" + "  ".join(f"{phase} {seconds / total:.0%}" for phase, seconds in ranked)))
     return lines
+
+
+def _cell(name: str) -> str:
+    return f"cell {name}" if name.isdigit() else name
 
 
 def _node(node: int) -> str:

@@ -15,7 +15,7 @@ from deploy.run_files import Run
 __all__ = ["repeat_command", "report_page"]
 
 _LONGEST_LIST: Final = 300
-_SHOWN_EVENTS: Final = ("mission", "victim", "fault", "drop", "link")
+_SHOWN_EVENTS: Final = ("mission", "victim", "fault", "recovery", "drop", "link")
 _FEW_MARKS: Final = 40
 
 

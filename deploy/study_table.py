@@ -24,7 +24,16 @@ __all__ = ["WALL_COLUMNS", "Results", "differences"]
 Row = dict[str, Any]
 Series = dict[str, list[float]]
 
-WALL_COLUMNS: Final = ("wall_s", "real_time_factor", "tick_ms", "tick_blame", "tick_phases", "ticked_unix_s", "engine", "code")
+WALL_COLUMNS: Final = (
+    "wall_s",
+    "real_time_factor",
+    "tick_ms",
+    "tick_blame",
+    "tick_phases",
+    "ticked_unix_s",
+    "engine",
+    "code",
+)
 """Columns, or tables of columns, that may differ between two runs of one scenario."""
 
 _FIRST: Final = ("key", "variant", "engine", "scenario", "seed", "robots", "radius_m", "status", "error")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import multiprocessing
 import multiprocessing.forkserver
 import os
@@ -188,6 +189,8 @@ def _child(title: str, log: Path, target: Callable[..., None], args: tuple[Any, 
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     setproctitle(title)
+    # What the fork server imported is never garbage: a collection that looked at it would only copy its pages.
+    gc.freeze()
     _let_fork_server_go()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT), 0, 0, 0)

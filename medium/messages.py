@@ -82,9 +82,9 @@ class Inbox:
         if type(raw) is not bytes or len(raw) != 8 * len(sources):
             raise WireError("powers are a column as long as sources")
         powers = struct.unpack(f"<{len(sources)}d", raw)
-        if not all(map(isfinite, powers)) or not all([type(p) is bytes for p in payloads]):
+        if not all(map(isfinite, powers)) or not all([type(p) is bytes for p in payloads]):  # noqa: C419  # a list is faster
             raise WireError("a power is not finite, or a payload not bytes")
-        if not all([type(s) is int and 0 <= s <= MAX_NODE for s in sources]):
+        if not all([type(s) is int and 0 <= s <= MAX_NODE for s in sources]):  # noqa: C419
             raise WireError("a source is not a node")
         heard = map(_reception, zip(sources, powers, payloads, strict=True))
         return cls(integer(tick, 0, MAX_TICK), tuple(heard))

@@ -150,7 +150,7 @@ def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> No
     assert access["default_permission"] == "deny"
     by_id = {rule["id"]: rule["key_exprs"] for rule in access["rules"]}
     assert by_id["robot-1 ingress put"] == [
-        "vds/run/@sim/motion/1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
+        "vds/run/@sim/motion/1", "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
     ]  # fmt: skip
     assert by_id["robot-1 egress put"] == ["vds/run/@sim/sense/1", "vds/run/radio/1/rx"]
     assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]

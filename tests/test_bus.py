@@ -169,6 +169,13 @@ def test_pace_follows_speed_hold_and_step() -> None:
     assert pace.interrupted
 
 
+def test_pace_that_begins_held_goes_on_when_told() -> None:
+    pace = Pace(0.0, Clock(), held=True)
+    assert pace.delay_s(0) == math.inf
+    assert not json.loads(pace.command("go", dict))["held"]
+    assert pace.delay_s(0) == 0.0
+
+
 @pytest.mark.parametrize(
     "line",
     [

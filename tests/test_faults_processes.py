@@ -118,6 +118,10 @@ def test_the_station_is_restarted(emulation: Start) -> None:
 # By hand
 
 
+def present(run: Emulation, robot: int) -> bool:
+    return run.snapshot is not None and bool(run.snapshot.present[robot - 1])
+
+
 def test_a_station_that_is_killed_by_hand_goes_on_with_all_that_it_had(emulation: Start, tmp_path: Path) -> None:
     run = emulation(CORRIDOR, record=True, speed=8.0)
     run.wait_for(15)
@@ -149,16 +153,17 @@ def test_a_station_that_is_killed_by_hand_goes_on_with_all_that_it_had(emulation
 
 
 def test_faults_by_hand_and_by_control_are_replayed(emulation: Start, tmp_path: Path) -> None:
-    run = emulation(CORRIDOR, speed=8.0, deadlines__hang_s=0.5)
+    run = emulation(CORRIDOR, speed=8.0)
     run.wait_for(12)
     run.kill(3)
+    run.wait_until(lambda: not present(run, 3))
     run.command("fault restart:2@0+2")
     run.wait_for(16)
     run.command("fault jam:1,5@0+3")
     run.command("fault pause:4@0+2")
     run.wait_for(20)
     run.pause(6)
-    run.wait_until(lambda: run.snapshot is not None and not run.snapshot.present[5])
+    run.wait_until(lambda: not present(run, 6))
     run.wait_for(run.simulated_s + 2)
     run.resume(6)
     summary = run.summary
@@ -178,7 +183,7 @@ def test_faults_by_hand_and_by_control_are_replayed(emulation: Start, tmp_path: 
 
 @pytest.mark.parametrize("who", ["medium", "world"])
 def test_stopping_medium_or_world_for_three_seconds_costs_no_robot_its_place(emulation: Start, who: str) -> None:
-    run = emulation(CORRIDOR, deadlines__hang_s=1.0)
+    run = emulation(CORRIDOR)
     run.wait_for(5)
     run.pause(who)
     with pytest.raises(EmulationError, match="not within 3 s"):

@@ -103,3 +103,13 @@ def test_plain_lines_name_new_pids_and_tenths_of_progress_once() -> None:
 )
 def test_commands_by_hand_become_what_the_world_understands(words: str, asked: str) -> None:
     assert question(words.split()) == asked
+
+
+def test_the_first_routes_are_no_news_and_a_lost_one_is() -> None:
+    for terminal in (True, False):
+        where, shown = console(terminal=terminal)
+        view = LiveTable(where, ("north", "south")) if terminal else PlainLines(where)
+        view.event(Event(1, "link", 1, "robot 1 has a route to the MS"))
+        view.event(Event(300, "link", 1, "robot 1 lost its route to the MS"))
+        assert shown.getvalue() == "    30.0 s  link: robot 1 lost its route to the MS\n"
+        view.close()

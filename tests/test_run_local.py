@@ -73,6 +73,8 @@ BAD: dict[str, tuple[Callable[[Path], list[object]], str]] = {
     "folder under a file": (lambda _: ["--out", "/dev/null/run"], "/dev/null/run"),
     "port out of range": (lambda _: ["--port", 70000], "70000"),
     "unknown option": (lambda _: ["--robot-count", 3], "--robot-count"),
+    "replay of no run": (lambda tmp: ["--replay-faults", tmp / "none"], "none/summary.json"),
+    "comparison with no run": (lambda tmp: ["--compare", tmp / "none"], "none/summary.json"),
     "unknown policy": (lambda _: ["--policy", "vdss"], "vdss"),
 }
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.hand_driven import Run, config
-from world.config import Fault
+from world.config import Fault, Lidar
 from world.faults import check_fault, describe, fault_form, parse_fault, resolve
-from world.messages import NOBODY, UNREACHABLE, Cls, Signal, Snapshot, Status
+from world.messages import NOBODY, UNREACHABLE, Cls, Report, Signal, Snapshot, Status
 
 # Departures that nobody scheduled
 
@@ -301,3 +301,36 @@ def test_fault_against_the_run() -> None:
     for fault in (Fault("kill", 5.0, "10"), Fault("kill", 10.0, "3"), Fault("jam", 5.0, "0,10", 1.0)):
         with pytest.raises(ValueError, match=r"only|within"):
             check_fault(fault, robots=9, duration_s=10.0)
+
+
+def test_one_who_is_paused_takes_a_step_that_nobody_hears() -> None:
+    run = Run(config(faults=(Fault("pause", 2.0, "2", 1.0), Fault("kill", 2.0, "3"))))
+    run.until(25)
+    begin = run.begun[20]
+    assert list(begin.unheard) == [2]
+    assert (begin.unheard[2].tick, begin.unheard[2].first) == (20, False)
+    assert begin.positions.nodes.tolist() == [0, 1, 4]
+    assert all(not other.unheard for other in run.begun if other is not begin)
+
+
+def test_noise_does_not_depend_on_who_else_is_there() -> None:
+    noisy = {"pose_noise_m": 0.1, "lidar": Lidar(noise_m=0.1)}
+    alone, together = (Run(config(faults=faults, **noisy)) for faults in ((Fault("kill", 1.0, "1"),), ()))
+    for run in (alone, together):
+        run.until(30)
+    for begin, other in zip(alone.begun, together.begun, strict=True):
+        mine, theirs = begin.senses[3], other.senses[3]
+        assert (mine.x_m, mine.y_m) == (theirs.x_m, theirs.y_m)
+        assert (mine.ranges_m is None) == (theirs.ranges_m is None)
+        if mine.ranges_m is not None and theirs.ranges_m is not None:
+            assert mine.ranges_m.tobytes() == theirs.ranges_m.tobytes()
+
+
+def test_a_verdict_is_told_as_soon_as_it_is_final() -> None:
+    run = Run(config(faults=(Fault("pause", 2.0, "2", 1.0),)))
+    for tick in range(40):
+        run.tick(report=Report(tick, False, (0.0,), 0))
+    (told,) = [event for end in run.ended for event in end.events if event.kind == "recovery"]
+    assert told.tick == 30
+    assert told.data == run.world.final()["recoveries"][0]
+    assert told.text == "pause:2@2+1: cut off 3, 4; the last has a route again after 1 s"

@@ -39,9 +39,11 @@ def mission(scenario: str, robots: int, simulated_s: float, *, recording: bool, 
         ]  # fmt: skip
         command += [] if recording else ["--no-recording"]
         begun = time.time()
-        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
-            with Meter(lambda: _pids(out)) as meter:
-                _, words = process.communicate()
+        with (
+            Meter(lambda: _pids(out)) as meter,
+            subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process,
+        ):
+            _, words = process.communicate()
         if process.returncode:
             raise RuntimeError(f"{' '.join(command)}: {words}")
         summary = json.loads((out / "summary.json").read_text())

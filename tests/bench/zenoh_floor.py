@@ -54,10 +54,10 @@ class _World:
     def awaited(self) -> frozenset[int]:
         return frozenset() if self.tick else frozenset(self._pattern.nodes) - self._present
 
-    def arrive(self, node: int, *, new: bool) -> None:
+    def arrive(self, node: int, *, new: bool) -> None:  # noqa: ARG002  # World's signature
         self._present.add(node)
 
-    def depart(self, node: int, cause: str, *, counted: bool) -> None:
+    def depart(self, node: int, cause: str, *, counted: bool) -> None:  # noqa: ARG002
         raise RuntimeError(f"node {node} left the floor: {cause}")
 
     def begin(self) -> Begin:
@@ -71,14 +71,14 @@ class _World:
         }  # fmt: skip
         return Begin(tick, senses, Positions(tick, self._nodes, self._xy), ())
 
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:  # noqa: ARG002
         self.tick += 1
         return End(self._snapshot, (), Stop(self.tick - 1, "time_limit") if self._over else None)
 
     def interrupt(self) -> None:
         self._over = True
 
-    def fail(self, why: str) -> Stop:
+    def fail(self, why: str) -> Stop:  # noqa: ARG002
         return Stop(self.tick, "failed")
 
     def final(self) -> dict[str, Any]:
@@ -109,7 +109,7 @@ class _Node:
         self._node = node
         self._frames = (Frame(BROADCAST, bytes(pattern.frame_bytes)),)
 
-    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion | Report]:
+    def step(self, sense: Sense) -> tuple[tuple[Frame, ...], Motion | Report]:
         if self._node == STATION:
             return self._frames, Report(sense.tick, False, (), 0)
         return self._frames, Motion(sense.tick, 0.0, 0.0, Status())
@@ -133,6 +133,6 @@ def _node(pattern: Pattern, login: Login, node: int) -> None:
     core = _Node(pattern, node)
     with member.session:
         while (turn := member.turn()) is not None:
-            sense, inbox = turn
-            frames, motion = core.step(sense, inbox)
+            sense, _ = turn
+            frames, motion = core.step(sense)
             member.answer(Transmission(sense.tick, node, frames).encode(), motion.encode())
