@@ -173,9 +173,15 @@ def _start_fork_server() -> None:
         os.environ["PYTHONPATH"] = os.pathsep.join(p for p in [root, *paths] if p)
     in_main_thread = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
+    safe = os.environ.get("PYTHONSAFEPATH")
+    # A folder `world` or `agents` where the user happens to be must not stand for ours.
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         multiprocessing.forkserver.ensure_running()
     finally:
+        os.environ.pop("PYTHONSAFEPATH")
+        if safe is not None:
+            os.environ["PYTHONSAFEPATH"] = safe
         if before is not None:
             signal.signal(signal.SIGINT, before)
 

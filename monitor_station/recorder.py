@@ -31,6 +31,9 @@ _HELD_TICKS: Final = 50
 _HELD_WALL_S: Final = 1.5
 """Rows are sent after so many ticks or so much wall time: the latter bounds what a crash loses."""
 
+_BATCH_S: Final = 1.8
+"""Wall time after which what was logged one by one is sent: a crash may lose two seconds."""
+
 _FEW_ROBOTS: Final = 12
 """Up to here tables and graph are shown as often as they change."""
 
@@ -83,7 +86,7 @@ class Recorder:
         self._rec = rr.RecordingStream(
             "vds",
             recording_id=config.recording_id or None,
-            batcher_config=rr.ChunkBatcherConfig(flush_tick=2.0, flush_num_bytes=8 << 20),
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=_BATCH_S, flush_num_bytes=8 << 20),
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)

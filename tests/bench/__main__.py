@@ -17,6 +17,7 @@ from tests.bench.floors import FLOORS, run_floor
 from tests.bench.mission import machine, mission, simulated
 from tests.bench.recording import paired, recorder_cost
 from tests.bench.row import Row
+from tests.bench.scaling import scaling
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,11 @@ class Plan:
     """Wall time of a floor."""
     pairs: int
     recorder_ticks: int
+    scaling_ticks: int
 
 
-QUICK = Plan({9: 30.0, 30: 8.0, 100: 3.0}, {9: 60.0, 100: 5.0}, 2.0, 1, 2_000)
-FULL = Plan({9: 4000.0, 30: 120.0, 100: 30.0}, {9: 4000.0, 100: 60.0}, 8.0, 5, 12_000)
+QUICK = Plan({9: 30.0, 30: 8.0, 100: 2.0}, {9: 30.0, 100: 2.0}, 2.0, 1, 1_000, 20)
+FULL = Plan({9: 4000.0, 30: 120.0, 100: 30.0}, {9: 4000.0, 100: 60.0}, 8.0, 5, 12_000, 200)
 SCENARIOS = {9: "three_cells", 30: "three_cells_wide", 100: "hundred"}
 
 
@@ -44,10 +46,14 @@ def main() -> None:
     console = Console(width=140)
     plan = QUICK if options.quick else FULL
     sizes = options.robots or sorted(SCENARIOS)
+    if options.scaling:
+        _scale(console, plan, options.json)
+        return
     rows: list[Row] = []
     for row in _rows(plan, sizes):
         rows.append(row)
-        console.print(f"{row.what} {row.robots}: {row.factor:.1f} times real time", highlight=False)
+        cost = f"{row.cpu_ms_per_tick:.2f} ms of processor time per tick"
+        console.print(f"{row.what} {row.robots}: {row.factor:.2f} times real time, {cost}", highlight=False)
     recorder = [recorder_cost(robots, plan.recorder_ticks) for robots in (9, 100) if robots in sizes]
     on_off = paired(lambda on: mission("three_cells", 9, min(60.0, plan.seconds[9]), recording=on), plan.pairs)
     console.print(_table(rows))
@@ -57,9 +63,19 @@ def main() -> None:
         options.json.write_text(json.dumps(content | {"recorder": recorder, "recording": on_off}, indent=1) + "\n")
 
 
+def _scale(console: Console, plan: Plan, file: Path | None) -> None:
+    points = []
+    for point in scaling(plan.scaling_ticks):
+        points.append(dataclasses.asdict(point))
+        console.print(point, highlight=False)
+    if file is not None:
+        file.write_text(json.dumps({"machine": machine(), "points": points}, indent=1) + "\n")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="under two minutes")
+    parser.add_argument("--scaling", action="store_true", help="only how the cores' cost grows, in one process")
     parser.add_argument("--robots", type=int, action="append", choices=sorted(SCENARIOS), help="only this size")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
     return parser

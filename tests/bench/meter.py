@@ -30,6 +30,7 @@ class Meter:
         self._at: list[float] = []
         self._total_s: list[float] = []
         self._spent_s: dict[int, float] = {}
+        self._before_s: dict[int, float] = {}
         self.private_mb: dict[str, float] = {}
         """The most that each process was seen to hold for itself alone."""
         self._over = threading.Event()
@@ -56,7 +57,9 @@ class Meter:
             for name, pid in self._pids().items():
                 spent = _cpu_s(pid)
                 if spent is not None:
-                    self._spent_s[pid] = spent
+                    # What a process took before it was first seen is its start-up, and none of the ticks'.
+                    self._before_s.setdefault(pid, spent)
+                    self._spent_s[pid] = spent - self._before_s[pid]
                 if number % 10 == 9 and (held := private_mb(pid)) is not None:
                     self.private_mb[name] = max(self.private_mb.get(name, 0.0), held)
             self._at.append(time.time())

@@ -20,7 +20,7 @@ from tests.bench.meter import Meter
 from tests.bench.row import Row
 from world.messages import TICK_S, Snapshot
 
-__all__ = ["machine", "mission", "simulated"]
+__all__ = ["Degree", "machine", "mission", "simulated"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent.parent
 
@@ -79,7 +79,7 @@ def _pids(out: Path) -> dict[str, int]:
 def simulated(scenario: str, robots: int, simulated_s: float, *, seed: int = 1) -> Row:
     """Run the same cores in this process, unrecorded."""
     setup = load(scenario, {"robots": robots, "duration_s": simulated_s, "seed": seed})
-    degree = _Degree(setup.radius_m)
+    degree = Degree(setup.radius_m)
     simulation = Simulation(setup, Observer(snapshot=degree.add))
     ticks_s: list[float] = []
     cpu_s, over = time.process_time(), False
@@ -103,7 +103,7 @@ def simulated(scenario: str, robots: int, simulated_s: float, *, seed: int = 1) 
     )
 
 
-class _Degree:
+class Degree:
     """How many others a robot has within the radius, at every tenth tick."""
 
     def __init__(self, radius_m: float) -> None:

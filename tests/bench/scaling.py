@@ -1,0 +1,64 @@
+"""How the cores' cost of a tick grows: with the robots, their neighbors, the radius and the map.
+
+One thing is changed at a time around one base, in one process, so that nothing but the cores is measured. The start,
+when every robot looks around for the first time, is left out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from deploy.scenario import load
+from deploy.simulation import Observer, Simulation
+from tests.bench.mission import Degree
+
+__all__ = ["Point", "scaling"]
+
+_WARM_TICKS: Final = 10
+_BASE: Final[dict[str, Any]] = {"robots": 30, "radius_m": 27.0}
+_CASES: Final[tuple[tuple[str, dict[str, Any]], ...]] = (
+    ("robots", {"robots": 9, "radius_m": 50.0}),
+    ("robots", {"robots": 30, "radius_m": 27.0}),
+    ("robots", {"robots": 60, "radius_m": 19.0}),
+    ("robots", {"robots": 100, "radius_m": 15.0}),
+    ("radius and degree", {"radius_m": 15.0}),
+    ("radius and degree", {"radius_m": 40.0}),
+    ("radius and degree", {"radius_m": 80.0}),
+    ("cells of the map", {"floor_plan.resolution_m": 1.0}),
+    ("cells of the map", {"floor_plan.resolution_m": 0.5}),
+    ("cells of the map", {"floor_plan.resolution_m": 0.25}),
+)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One case and its cost."""
+
+    changed: str
+    robots: int
+    radius_m: float
+    cells: int
+    mean_degree: float
+    cpu_ms_per_tick: float
+    cpu_us_per_robot_tick: float
+
+
+def scaling(ticks: int) -> Iterator[Point]:
+    """Measure all cases over `ticks` ticks each."""
+    for changed, values in _CASES:
+        scenario = load("hundred", _BASE | values)
+        degree = Degree(scenario.radius_m)
+        simulation = Simulation(scenario, Observer(snapshot=degree.add))
+        for _ in range(_WARM_TICKS):
+            simulation.step()
+        begun = time.process_time()
+        for _ in range(ticks):
+            simulation.step()
+        cost_s = (time.process_time() - begun) / ticks
+        yield Point(
+            changed, scenario.robots, scenario.radius_m, scenario.arena.geometry.size, round(degree.mean, 1),
+            round(cost_s * 1e3, 2), round(cost_s * 1e6 / scenario.robots, 1),
+        )  # fmt: skip
