@@ -25,8 +25,8 @@ ROW: Final = struct.Struct("<HQ18s")
 """A row on the air: dst, freshness, inherent elements."""
 
 _INHERENT: Final = struct.Struct("<H4i")
-"""What a destination says of itself, and others pass on unread: flags, and location and target (x, y). Every bit pattern
-is a valid one, so nothing in it has to be checked."""
+"""What a destination says of itself, and others pass on unread: flags, and location and target (x, y). Every bit
+pattern is a valid one, so nothing in it has to be checked."""
 
 _PER_METRE: Final = 100_000.0
 """Places travel in steps of 10 um, up to 21 km: coarser, and a robot that hugs a wall seems to stand in it."""

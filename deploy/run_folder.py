@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
-
 from deploy.verdicts import lost_reports, settle
+from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
 
 if TYPE_CHECKING:
     from deploy.past_run import Baseline

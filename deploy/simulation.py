@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from deploy.scenario import Scenario
 from numpy.typing import NDArray
 
 from agents.messages import Table
 from agents.robot import Robot
+from deploy.scenario import Scenario
 from medium.core import Medium
 from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
