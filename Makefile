@@ -1,6 +1,8 @@
 # Everything runs in .venv, which `make setup` makes once and again whenever the pins change.
 PYTHON ?= python3
 VENV := .venv
+SHELL := /bin/bash
+.SHELLFLAGS := -o pipefail -c
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
@@ -40,7 +42,7 @@ endif
 ifneq ($(wildcard tests/acceptance.py),)
 .PHONY: acceptance
 acceptance: setup
-	$(BIN)/python tests/acceptance.py $(ARGS)
+	$(BIN)/python tests/acceptance.py $(ARGS) | tee docs/acceptance.md
 endif
 
 ifneq ($(wildcard tests/chaos.py),)
