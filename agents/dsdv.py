@@ -58,6 +58,8 @@ class Router:
                 ms_freshness = self.table.merge(src, update.rows, before, self._sticky)
             except WireError:
                 self.bad_frames += 1
+                if src not in self.neighbors.by_id:
+                    self.table.break_via(src)  # what was merged before the error leads through no neighbor
                 continue
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version

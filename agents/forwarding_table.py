@@ -19,7 +19,7 @@ import struct
 from typing import Final
 
 from bus.codec import WireError
-from world.messages import NOBODY, UNREACHABLE
+from world.messages import MAX_NODE, NOBODY, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
 """A row on the air: dst, freshness, inherent elements."""
@@ -120,7 +120,8 @@ class ForwardingTable:
             Freshness of the neighbor's own entry for `sticky`, or -1.
 
         Raises:
-            WireError: not a run of ROW, or a metric and its number disagree; what came before it is merged.
+            WireError: not a run of ROW, a row that can't be, or the sender never said where it is; what came before it
+                is merged.
         """
         me, known, next_hop, inherent_of = self.node, self.freshness, self.next_hop, self._inherent
         about_sticky = -1
@@ -134,13 +135,15 @@ class ForwardingTable:
                 present = known.get(dst, -1)
                 if offered < present or dst == me or (offered == present and before.get(dst) != sender):
                     continue
-                if not _consistent(offered):
-                    raise WireError("an odd sequence number is not infinite, or an even one is")
+                if not _consistent(offered) or dst > MAX_NODE:
+                    raise WireError("number and metric disagree (odd means infinite), or there is no such node")
                 known[dst] = offered
                 next_hop[dst] = sender if offered & 255 else NOBODY
                 inherent_of[dst] = inherent
         except struct.error as error:
             raise WireError("not a run of rows") from error
+        if sender not in inherent_of:
+            raise WireError("a table lacks its sender's own row")
         return about_sticky
 
     def break_via(self, neighbor: int) -> None:

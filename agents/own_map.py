@@ -19,6 +19,7 @@ _INTO_WALL_M: Final = 1e-9
 """How far behind the point of impact the wall's cell begins; ranges are exact, so rounding is all that it must beat."""
 
 _ENDS: Final = np.array([0.0, 1.0])
+_OUTSIDE: Final = np.array([UNKNOWN], np.int8)
 
 
 class OwnMap:
@@ -150,6 +151,8 @@ class OwnMap:
         g = self.geometry
         u0, v0 = (x0_m - g.x0_m) / g.resolution_m, (y0_m - g.y0_m) / g.resolution_m
         du, dv = (x1_m - x0_m) / g.resolution_m, (y1_m - y0_m) / g.resolution_m
+        if not (0.0 <= u0 + du < g.cols and 0.0 <= v0 + dv < g.rows):
+            return _OUTSIDE  # a peer may say that it is anywhere
         u_lines = np.arange(math.floor(min(u0, u0 + du)) + 1, math.ceil(max(u0, u0 + du)))
         v_lines = np.arange(math.floor(min(v0, v0 + dv)) + 1, math.ceil(max(v0, v0 + dv)))
         parts = [_ENDS]

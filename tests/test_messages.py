@@ -19,7 +19,7 @@ from world.messages import Departed, Done, Event, Jam, Motion, Positions, Report
 
 coordinate = st.floats(-1e6, 1e6)
 tick = st.integers(0, 2**31 - 1)
-node = st.integers(0, 65_534)
+node = st.integers(0, 32_766)
 count = st.integers(0, 2**31 - 1)
 places = st.lists(st.tuples(node, coordinate, coordinate), max_size=3).map(tuple)
 pair = st.tuples(node, node)

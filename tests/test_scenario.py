@@ -41,8 +41,8 @@ def same(a: Scenario, b: Scenario) -> bool:
     )
 
 
-@pytest.mark.parametrize("name", names())
-def test_every_scenario_loads_and_fits(name: str) -> None:
+@pytest.mark.parametrize("name", [name for name in names() if name.startswith("three_cells")])
+def test_every_arena_of_the_paper_loads_and_fits(name: str) -> None:
     scenario = load(name)
     world = scenario.world_config()
     assert scenario.name == name
@@ -244,7 +244,7 @@ def test_no_room_for_the_robots_is_said(tmp_path: Path) -> None:
     ("name", "text", "words"),
     [
         ("three_cels", None, "did you mean 'three_cells'"),
-        ("zzz", None, "known: three_cells"),
+        ("zzz", None, "known: .*three_cells"),
         ("none.toml", None, "No such file"),
         ("none.yaml", None, "No such file"),
         ("bad.toml", "name = ", "not TOML"),

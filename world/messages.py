@@ -26,7 +26,8 @@ NOBODY: Final = -1
 UNREACHABLE: Final = 255
 """Hop count of an infinite metric."""
 
-MAX_NODE: Final = 65_534
+MAX_NODE: Final = 32_766
+"""Ids fit the int16 columns below."""
 MAX_TICK: Final = 2**31 - 1
 
 SIGNALS: Final = ("kill", "stop", "cont", "spawn")

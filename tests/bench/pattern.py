@@ -37,7 +37,7 @@ class Pattern:
 
     @property
     def frame_bytes(self) -> int:
-        return 24 * (self.robots + 1) + 20
+        return 28 * (self.robots + 1) + 20
 
     @property
     def heard(self) -> int:
