@@ -51,6 +51,8 @@ class Classing:
     """Back to SR after inv was empty for this long."""
     msr_margin_m: NotNegative = 2.0
     """A new MSR is at least this much farther from the MS than the present one."""
+    msr_compare_ticks: Annotated[int, Ge(1)] = 10
+    """How often a relay compares distances as long as its MSR stays eligible: nobody moves far in a second."""
     copy_target: bool = True
     """A relay takes its MSR's target at every tick (paper, II-C)."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -27,21 +28,23 @@ class MsDistance:
         self.tick = 0
         """The present tick; set by the owner."""
 
-    def __call__(self, x_m: float, y_m: float) -> float:
-        """Path length in metres from the MS to a place.
+    def __call__(self, places_m: Sequence[tuple[float, float]]) -> list[float]:
+        """Path lengths in metres from the MS to places.
 
         A place off the known free cells, as when the map lags behind its robot, counts from the nearest reached cell.
         """
         reach = self._renewed()
         g = self._map.geometry
-        length = reach.length_m(g.index(x_m, y_m))
-        if length < math.inf:
-            return length
-        cells, lengths = reach.reached()
-        places = g.centers(cells)
-        gaps = np.hypot(places[:, 0] - x_m, places[:, 1] - y_m)
-        nearest = int(np.argmin(gaps))
-        return float(lengths[nearest] + gaps[nearest])
+        lengths: list[float] = reach.lengths_m(np.array([g.index(x, y) for x, y in places_m], np.int64)).tolist()
+        if math.inf in lengths:
+            cells, known_m = reach.reached()
+            centers = g.centers(cells)
+            for k, (x, y) in enumerate(places_m):
+                if lengths[k] == math.inf:
+                    gaps = np.hypot(centers[:, 0] - x, centers[:, 1] - y)
+                    nearest = int(np.argmin(gaps))
+                    lengths[k] = float(known_m[nearest] + gaps[nearest])
+        return lengths
 
     def _renewed(self) -> Reach:
         stale = self._version != self._map.version and self.tick - self._made_tick >= _RENEW_TICKS

@@ -174,13 +174,17 @@ class Scout(Vds):
         body, table, margin = self.body, self.body.router.table, self._scouting.deeper_m
         depth = body.ms_distance
         depth.tick = body.tick
-        mine = depth(*body.at)
-        deeper = []
+        helpful = []
         for node in needy:
             target = table.target_m(node)
-            if target == self.target or self.explorer.is_taboo(body.tick, target):
-                continue
-            ahead = depth(*table.location_m(node)) - mine
+            if target != self.target and not self.explorer.is_taboo(body.tick, target):
+                helpful.append(node)
+        if not helpful:
+            return 0
+        mine, *depths = depth([body.at, *(table.location_m(node) for node in helpful)])
+        deeper = []
+        for node, depth_m in zip(helpful, depths, strict=True):
+            ahead = depth_m - mine
             if ahead > margin or (abs(ahead) <= margin and node < body.config.node):
                 deeper.append((ahead, -node))
         return -max(deeper)[1] if deeper else 0

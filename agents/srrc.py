@@ -14,25 +14,34 @@ from agents.forwarding_table import ForwardingTable
 from world.messages import NOBODY, Cls
 
 
-def select_msr(
-    table: ForwardingTable, nms: int, distance_to_ms_m: Callable[[float, float], float], present: int, margin_m: float
+def eligible_msrs(table: ForwardingTable, nms: int) -> list[int]:
+    """Rule 1: the SRs of a forwarding table, ascending, without those whose next hop is the NMS."""
+    return [node for node in table.search_robots() if table.next_hop[node] != nms]
+
+
+def farthest_msr(
+    candidates: list[int],
+    table: ForwardingTable,
+    distances_to_ms_m: Callable[[list[tuple[float, float]]], list[float]],
+    present: int,
+    margin_m: float,
 ) -> int:
-    """MSR selection rule.
+    """Rule 2.
 
     Args:
+        candidates: what rule 1 left.
         table: the forwarding table of the relay.
-        nms: its next hop to the MS.
-        distance_to_ms_m: path length from the MS to a place.
+        distances_to_ms_m: path lengths from the MS to places.
         present: the MSR so far.
         margin_m: the present MSR is replaced only by one at least this much farther (ours).
 
     Returns:
-        The MSR's id, or NOBODY if no SR is left after rule 1.
+        The MSR's id, or NOBODY if there is no candidate.
     """
-    candidates = [node for node in table.search_robots() if table.next_hop[node] != nms]
     if len(candidates) <= 1:
         return candidates[0] if candidates else NOBODY
-    far = {node: distance_to_ms_m(*table.location_m(node)) for node in candidates}
+    lengths = distances_to_ms_m([table.location_m(node) for node in candidates])
+    far = dict(zip(candidates, lengths, strict=True))
     best = max(candidates, key=lambda node: (far[node], -node))
     if present in far and far[best] < far[present] + margin_m:
         return present

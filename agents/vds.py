@@ -18,7 +18,7 @@ import numpy as np
 
 from agents.body import Action, Body, Place
 from agents.explorer import Explorer
-from agents.srrc import Classifier, select_msr
+from agents.srrc import Classifier, eligible_msrs, farthest_msr
 from agents.walker import Walker
 from world.messages import NOBODY, Cls, Mode
 
@@ -94,10 +94,13 @@ class Vds:
 
     def choose_msr(self) -> int:
         """MSR selection rule (paper, II-A.3)."""
-        distance = self.body.ms_distance
-        distance.tick = self.body.tick
-        router = self.body.router
-        return select_msr(router.table, router.ms.nms, distance, self.msr, self.rules.classing.msr_margin_m)
+        body, rules = self.body, self.rules.classing
+        table = body.router.table
+        candidates = eligible_msrs(table, body.router.ms.nms)
+        if self.msr in candidates and (body.tick + body.config.node) % rules.msr_compare_ticks:
+            return self.msr
+        body.ms_distance.tick = body.tick
+        return farthest_msr(candidates, table, body.ms_distance, self.msr, rules.msr_margin_m)
 
     def _follow_msr(self) -> None:
         """Keep MSR and target of a relay; if no SR is left, it keeps its last target."""

@@ -15,7 +15,7 @@ from agents.config import Classing
 from agents.dsdv import Router
 from agents.forwarding_table import freshness_of
 from agents.messages import Update
-from agents.srrc import Classifier, select_msr
+from agents.srrc import Classifier, eligible_msrs, farthest_msr
 from medium.messages import Reception
 from tests.routing_field import power_dbm, router_config
 from world.messages import NOBODY, Cls
@@ -55,6 +55,13 @@ def distance_to_ms(x_m: float, y_m: float) -> float:
     return math.dist((x_m, y_m), LOCATION[MS])
 
 
+def select_msr(router: Router, present: int, margin_m: float) -> int:
+    candidates = eligible_msrs(router.table, router.ms.nms)
+    return farthest_msr(
+        candidates, router.table, lambda places: [distance_to_ms(*p) for p in places], present, margin_m
+    )
+
+
 def test_dsdv_elements_are_as_printed(robot_c: Router) -> None:
     table = robot_c.table
     assert {dst: (table.next_hop[dst], table.hop(dst)) for dst in FIGURE_2} == FIGURE_2
@@ -74,18 +81,22 @@ def test_c_is_a_relay_because_its_inv_is_not_empty(robot_c: Router) -> None:
     assert Classifier(Classing()).step(TICK, robot_c.neighbors.naming(C)) is Cls.RR
 
 
+def test_e_and_i_are_left_by_rule_1(robot_c: Router) -> None:
+    assert eligible_msrs(robot_c.table, robot_c.ms.nms) == [E, I]
+
+
 def test_c_selects_e(robot_c: Router) -> None:
-    assert select_msr(robot_c.table, robot_c.ms.nms, distance_to_ms, NOBODY, 2.0) == E
+    assert select_msr(robot_c, NOBODY, 2.0) == E
 
 
 def test_f_is_discarded_by_rule_1_although_it_is_far(robot_c: Router) -> None:
     """With E gone, I is chosen, not F: F is farther from the MS than I, but beyond the NMS."""
     robot_c.table.set_route(E, freshness_of(2 * TICK + 1, 255), NOBODY)
     assert distance_to_ms(*LOCATION[F]) > distance_to_ms(*LOCATION[I])
-    assert select_msr(robot_c.table, robot_c.ms.nms, distance_to_ms, NOBODY, 2.0) == I
+    assert select_msr(robot_c, NOBODY, 2.0) == I
 
 
 def test_the_present_msr_stays_unless_another_is_clearly_farther(robot_c: Router) -> None:
     gap = distance_to_ms(*LOCATION[E]) - distance_to_ms(*LOCATION[I])
-    assert select_msr(robot_c.table, B, distance_to_ms, I, gap + 0.1) == I
-    assert select_msr(robot_c.table, B, distance_to_ms, I, gap - 0.1) == E
+    assert select_msr(robot_c, I, gap + 0.1) == I
+    assert select_msr(robot_c, I, gap - 0.1) == E
