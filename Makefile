@@ -6,7 +6,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format clean
+.PHONY: setup run test check format bench acceptance chaos study clean
 
 setup: $(STAMP)
 
@@ -32,30 +32,18 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Longer measurements, each there as soon as its script is.
-ifneq ($(wildcard tests/bench/*.py),)
-.PHONY: bench
+# Longer measurements.
 bench: setup
 	$(BIN)/python -m tests.bench $(ARGS)
-endif
 
-ifneq ($(wildcard tests/acceptance.py),)
-.PHONY: acceptance
 acceptance: setup
 	$(BIN)/python tests/acceptance.py $(ARGS) | tee docs/acceptance.md
-endif
 
-ifneq ($(wildcard tests/chaos.py),)
-.PHONY: chaos
 chaos: setup
 	$(BIN)/python tests/chaos.py $(ARGS)
-endif
 
-ifneq ($(wildcard deploy/study.py),)
-.PHONY: study
 study: setup
 	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)
-endif
 
 clean:
 	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

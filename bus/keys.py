@@ -7,20 +7,20 @@ truth (Zenoh key expressions, "verbatim chunks").
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
-__all__ = ["ANY", "PROCESSES", "ROLES", "TABLE", "Keys", "Row", "Token", "check_run"]
+from bus.codec import WireError
+
+__all__ = ["ANY", "TABLE", "Keys", "Row", "Token", "check_run"]
 
 ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
 
-Role = Literal["world", "medium", "station", "robot"]
-ROLES: Final[tuple[Role, ...]] = ("world", "medium", "station", "robot")
-PROCESSES: Final = ("world", "medium", "station")
-"""Processes that send their final counts at the end."""
+_INCARNATION: Final = re.compile("[0-9a-f]{8}")
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
@@ -56,7 +56,7 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "station": Row("alive/station/{node}/{incarnation}", "token", ("station",), ("world", "medium", "operator")),
     "robot": Row("alive/robot/{node}/{incarnation}", "token", ("robot",), ("world", "medium", "operator")),
 })  # fmt: skip
-"""What each message is: ARCHITECTURE.md, "Keys"."""
+"""What each message is: the methods of `Keys`."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +169,12 @@ class Keys:
 
     @staticmethod
     def token_of(key: str) -> Token:
-        """Read a liveliness key."""
+        """Read a liveliness key.
+
+        Raises:
+            WireError: its last chunks, which the process behind it chooses, are no token's.
+        """
         role, node, incarnation = key.split("/")[-3:]
+        if not node.isdecimal() or not _INCARNATION.fullmatch(incarnation):
+            raise WireError(f"{key!r} is no token")
         return Token(role, int(node), int(incarnation, 16))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+NEEDED: Final = ("msgpack", "numpy", "zenoh")
 
 COMMANDS: Final = """\
 commands:
@@ -36,15 +37,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("command", nargs="+", help="see below")
     options = parser.parse_args(arguments)
 
-    from bus.session import BusError, Login, Session
-    from deploy.run_folder import OPERATOR
+    from deploy.own_python import require
+
+    require(Path(__file__), NEEDED)
+    from bus.session import BusError, Session
+    from deploy.operator_file import read_operator
 
     folder = options.run or newest_run([Path("runs"), ROOT / "runs"])
     if folder is None:
         return _refuse("no run is under way here: name its folder by --run")
     try:
-        told = json.loads((folder / OPERATOR).read_text(encoding="utf-8"))
-        login = Login(told["run"], told["endpoint"], told["user"], told["password"])
+        login = read_operator(folder)
     except (OSError, ValueError, KeyError) as error:
         return _refuse(f"no run is under way in {folder}: {error}")
     try:
@@ -71,7 +74,7 @@ def question(words: list[str]) -> str:
 
 def newest_run(places: list[Path]) -> Path | None:
     """The run folder of the youngest run that is under way."""
-    from deploy.run_folder import OPERATOR, living_launcher
+    from deploy.operator_file import OPERATOR, living_launcher
 
     found = [file for place in places for file in place.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
     return max(found, key=lambda file: file.stat().st_mtime).parent if found else None

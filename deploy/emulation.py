@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from bus.lockstep import unbatch
-from bus.session import BusError, Login, Mailbox, Session
-from deploy.run_folder import OPERATOR
+from bus.session import BusError, Mailbox, Session
+from deploy.operator_file import read_operator
 from deploy.scenario import load
 from world.faults import parse_fault, tick_of
 from world.messages import STATION, TICK_S, Event, Snapshot
@@ -238,16 +238,13 @@ class Emulation:
 
     def _join(self) -> None:
         deadline = time.monotonic() + _START_S
-        operator = self.folder / OPERATOR
         while self._session is None:
             if self.over:
                 raise EmulationError(f"the run did not start: {self._tail()}")
             if time.monotonic() > deadline:
                 raise EmulationError(f"no run within {_START_S:g} s: {self._tail()}")
             with contextlib.suppress(FileNotFoundError, BusError):
-                told = json.loads(operator.read_text(encoding="utf-8"))
-                login = Login(told["run"], told["endpoint"], told["user"], told["password"])
-                self._session = Session.connect(login)
+                self._session = Session.connect(read_operator(self.folder))
                 continue
             time.sleep(_SLICE_S)
         keys = self._session.keys

@@ -21,14 +21,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgpack
 
-from bus.access import Login, credentials, user_name, users_of
+from bus.access import credentials, user_name, users_of
 from bus.codec import WireError
 from bus.keys import check_run
 from bus.lockstep import unbatch
 from bus.member import LOST_STATUS
 from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session
-from deploy.run_folder import OPERATOR, RunFolder
+from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
+from deploy.operator_file import OPERATOR, write_operator
+from deploy.run_folder import RunFolder
 from deploy.supervisor import Exit, Supervisor
 from world.messages import STATION, TICK_S, Event, Signal, Snapshot
 
@@ -37,11 +39,6 @@ if TYPE_CHECKING:
     from deploy.scenario import Scenario
 
 __all__ = ["Launcher", "Outcome", "run_name"]
-
-PRELOAD: Final = (
-    "numpy", "scipy.sparse.csgraph", "msgpack", "zenoh", "world.process", "medium.process", "agents.process",
-    "monitor_station.process", "deploy.launcher",
-)  # fmt: skip
 
 _SIGNALS: Final = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "cont": signal.SIGCONT}
 _LEAVE_S: Final = 1.5
@@ -74,35 +71,6 @@ def run_name(folder: Path) -> str:
     """A run's name as a key chunk, after its folder."""
     name = "".join("-" if c in "/*$?#@" or c.isspace() else c for c in folder.resolve().name)
     return check_run(name or "run")
-
-
-def role_name(node: int) -> str:
-    """Process name of a node."""
-    return "station" if node == STATION else f"robot/{node}"
-
-
-def _world(config: Any, login: Login) -> None:
-    from world.process import run
-
-    run(config, login)
-
-
-def _medium(config: Any, login: Login, users: Mapping[str, str]) -> None:
-    from medium.process import run
-
-    run(config, login, users)
-
-
-def _robot(config: Any, login: Login) -> None:
-    from agents.process import run
-
-    run(config, login)
-
-
-def _station(config: Any, login: Login, recorder: Any, out: Path, live_port: int | None) -> None:
-    from monitor_station.process import run
-
-    run(config, login, recorder, out, live_port)
 
 
 class Launcher:
@@ -173,7 +141,7 @@ class Launcher:
                 self._start_all_but_one(self._supervisor)
                 session = self._connect(self._supervisor)
                 if session is not None:
-                    _write_private(operator, self._logins["operator"])
+                    write_operator(self._folder.path, self._logins["operator"])
                     pump = _Pump(session, self._mail, self._supervisor.wake)
                     # The world waits for every robot, so with the last one nothing is told before somebody listens.
                     self._start_node(self._supervisor, self._scenario.robots)
@@ -193,22 +161,22 @@ class Launcher:
 
     def _start_all_but_one(self, supervisor: Supervisor) -> None:
         users = users_of(self._logins)
-        supervisor.start("medium", _medium, self._scenario.medium_config(), self._logins["medium"], users)
+        supervisor.start("medium", run_medium, self._scenario.medium_config(), self._logins["medium"], users)
         world = dataclasses.replace(self._scenario.world_config(), held=self._held)
-        supervisor.start("world", _world, world, self._logins["world"])
+        supervisor.start("world", run_world, world, self._logins["world"])
         for node in range(self._scenario.robots):
             self._start_node(supervisor, node)
 
     def _start_node(self, supervisor: Supervisor, node: int) -> None:
         login = self._logins[user_name(node)]
         if node != STATION:
-            supervisor.start(role_name(node), _robot, self._scenario.robot_config(node), login)
+            supervisor.start(role_name(node), run_robot, self._scenario.robot_config(node), login)
             return
         recorder = None
         if self._record:
             recorder = dataclasses.replace(self._scenario.recorder_config(self._run), recording_id=self._recording_id)
         station = self._scenario.station_config()
-        supervisor.start(role_name(node), _station, station, login, recorder, self._folder.path, self._live_port)
+        supervisor.start(role_name(node), run_station, station, login, recorder, self._folder.path, self._live_port)
 
     def _show_pids(self, supervisor: Supervisor) -> None:
         pids = {"launcher": os.getpid(), **supervisor.pids}
@@ -409,19 +377,6 @@ class _Pump:
         """Take what has arrived so far, then stop."""
         self._box.put(("", None))
         self._thread.join()
-
-
-def _write_private(path: Path, login: Login) -> None:
-    """Leave the operator's credentials for deploy/ctl.py, readable by this user only."""
-    draft = path.with_name(f"{path.name}.part")
-    draft.unlink(missing_ok=True)
-    text = json.dumps({
-        "run": login.run, "endpoint": login.endpoint, "user": login.user, "password": login.password,
-        "launcher": os.getpid(),
-    })  # fmt: skip
-    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(text)
-    draft.replace(path)
 
 
 def _indent(text: str) -> str:

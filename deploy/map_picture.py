@@ -18,7 +18,6 @@ __all__ = ["MAP_KEY", "map_picture"]
 
 _WIDTH: Final = 480.0
 _SHADES: Final = {"free": 255, "unknown": 206, "wall": 40}
-_MARGIN_M: Final = 1.0
 
 MAP_KEY: Final = (
     ("search", "robot that searches (SR)"), ("relay", "robot that relays (RR)"), ("gone", "robot that was gone"),

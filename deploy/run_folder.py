@@ -22,10 +22,7 @@ if TYPE_CHECKING:
     from deploy.past_run import Baseline
     from deploy.scenario import Scenario
 
-__all__ = ["OPERATOR", "RunFolder", "living_launcher"]
-
-OPERATOR: Final = "operator.json"
-"""File with the operator's credentials; there only while the run lives."""
+__all__ = ["RunFolder"]
 
 _TICKS_PER_ROW: Final = round(1 / TICK_S)
 
@@ -173,18 +170,6 @@ class RunFolder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def living_launcher(folder: Path) -> int | None:
-    """Pid of the launcher of the run that is under way in a run folder, or None."""
-    try:
-        pid = int(json.loads((folder / OPERATOR).read_text(encoding="utf-8"))["launcher"])
-        os.kill(pid, 0)
-    except PermissionError:
-        return pid
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return pid
 
 
 def _phases_ms(spent_s: Mapping[str, Mapping[str, float]] | None, ticks: int) -> dict[str, dict[str, float]] | None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.util
 import os
 import signal
 import sys
@@ -50,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
     p.add_argument("--duration", type=float, metavar="S", help="simulated seconds after which the run ends")
-    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's)")
+    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's), scout, or module:Class")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
     p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
     p.add_argument(
@@ -73,7 +72,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    _require_modules()
+    from deploy.own_python import require
+
+    require(Path(__file__), NEEDED)
     try:
         if options.live and (options.no_recording or options.in_process):
             raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
@@ -85,23 +86,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"run_local.py: {error}", file=sys.stderr)
         return 2
     return _run(options, scenario, baseline, endpoint, out)
-
-
-def _require_modules() -> None:
-    """Go on in the project's own environment if this Python lacks something, or say how to make one."""
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if not missing:
-        return
-    venv = ROOT / ".venv"
-    if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():
-        python = str(venv / "bin" / "python")
-        os.execv(python, [python, str(Path(__file__).resolve()), *sys.argv[1:]])
-    print(
-        f"run_local.py: this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, "
-        "then `.venv/bin/python deploy/run_local.py`",
-        file=sys.stderr,
-    )
-    sys.exit(2)
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
@@ -162,7 +146,7 @@ def _endpoint(port: int | None) -> str:
 
 def _folder(asked: Path | None, scenario: str) -> Path:
     """Make the run folder, or say why it can't be."""
-    from deploy.run_folder import living_launcher
+    from deploy.operator_file import living_launcher
 
     out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
     try:

@@ -8,7 +8,6 @@ failed (or `--compare` found a difference), 2 for bad input (one line, before an
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import platform
 import random
@@ -59,7 +58,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    _require_modules()
+    from deploy.own_python import require
+
+    require(Path(__file__), NEEDED)
     from deploy.study_run import one_thread
 
     one_thread()
@@ -86,22 +87,6 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         if workers is not None:
             workers.close()
-
-
-def _require_modules() -> None:
-    """Go on in the project's own environment if this Python lacks something, or say how to make one."""
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if not missing:
-        return
-    venv = ROOT / ".venv"
-    if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():
-        python = str(venv / "bin" / "python")
-        os.execv(python, [python, str(Path(__file__).resolve()), *sys.argv[1:]])
-    words = (
-        f"this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, then `.venv/bin/python deploy/study.py`"
-    )
-    print(f"study.py: {words}", file=sys.stderr)
-    sys.exit(2)
 
 
 def _check(options: argparse.Namespace) -> None:

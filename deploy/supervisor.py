@@ -51,8 +51,16 @@ class Exit:
         return self.code < 0
 
     def __str__(self) -> str:
-        how = f"ended by {signal.Signals(-self.code).name}" if self.by_signal else f"exited with status {self.code}"
+        how = f"ended by {_signal_name(-self.code)}" if self.by_signal else f"exited with status {self.code}"
         return f"{self.name} (pid {self.pid}) {how}"
+
+
+def _signal_name(number: int) -> str:
+    """Real-time signals have no names of their own."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 class Supervisor:

@@ -145,16 +145,29 @@ class Shell:
         node = self._nodes.get(key)
         if node is None:
             node = self._nodes[key] = self._session.keys.node_of(key)
-        transmission = Transmission.decode(data)
-        if transmission.src != node:
-            # The node itself is waited for all the same: whoever spoke in another's name has not spoken.
-            self._core.reject(len(transmission.frames))
-            raise WireError(f"a transmission of node {transmission.src} on the key of node {node}")
+        try:
+            transmission = Transmission.decode(data)
+            if transmission.src != node:
+                self._core.reject(len(transmission.frames))
+                raise WireError(f"a transmission of node {transmission.src} on the key of node {node}")
+            if transmission.tick > self._gather.tick + 1:
+                raise WireError(f"a transmission of tick {transmission.tick} in tick {self._gather.tick}")
+        except WireError:
+            self._heard_nothing(node)
+            raise
         if transmission.tick == self._gather.tick:
             if self._gather.add(node, transmission):
                 self._step_if_complete()
         elif transmission.tick > self._gather.tick:
             self._ahead[node] = transmission
+
+    def _heard_nothing(self, node: int) -> None:
+        """What a node said is of no use: it counts as silence, for the tick would wait for anything else for ever."""
+        tick = self._gather.tick
+        if self._gather.add(node, Transmission(tick, node, ())):
+            self._step_if_complete()
+        else:
+            self._ahead.setdefault(node, Transmission(tick + 1, node, ()))
 
     def _step_if_complete(self) -> None:
         positions = self._positions

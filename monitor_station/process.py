@@ -23,7 +23,7 @@ from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
 from world.floor_plan import save_map
-from world.messages import STATION, Event, Sense, Snapshot
+from world.messages import STATION, Cls, Event, Sense, Snapshot
 
 if TYPE_CHECKING:
     from monitor_station.recorder import Recorder
@@ -141,7 +141,7 @@ class Screen:
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._mailbox = Mailbox()
         keys = member.session.keys
-        self._feed, self._event = keys.feed, keys.event
+        self._feed, self._event, self._node_of = keys.feed, keys.event, keys.node_of
         self._drop: Callable[[str, WireError], None] = member.drop
         member.session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
 
@@ -170,4 +170,10 @@ class Screen:
         elif key == self._event:
             self._recorder.event(Event.decode(data))
         else:
-            self._recorder.table(Table.decode(data))
+            self._recorder.table(self._table(key, data))
+
+    def _table(self, key: str, data: bytes) -> Table:
+        table = Table.decode(data)
+        if table.node != self._node_of(key) or (table.cls > max(Cls)).any():
+            raise WireError("a table of another robot, or with a class that does not exist")
+        return table

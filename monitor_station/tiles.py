@@ -52,11 +52,6 @@ class MapTiles:
         self._across = across
         self._dirty: set[int] = set()
 
-    @property
-    def dirty(self) -> bool:
-        """Whether anything changed since `take`."""
-        return bool(self._dirty)
-
     def apply(self, cells: NDArray[np.int64], values: NDArray[np.int8]) -> None:
         """Set flat cell indices to FREE or OCCUPIED; anything else is unknown."""
         painted = np.where(values == FREE, FREE_BYTE, np.where(values == OCCUPIED, WALL_BYTE, UNKNOWN_BYTE))

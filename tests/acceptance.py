@@ -79,7 +79,7 @@ def verdict(ok: bool) -> str:
 
 
 def missions(seeds: int) -> Iterator[str | bool]:
-    """Issue: nine robots at r_t = 20 m search all cells in 19 of 20 seeds, near the prototype's mean."""
+    """Nine robots at r_t = 20 m search all cells in 19 of 20 seeds, near the prototype's mean."""
     prototype_s = 589.0
     outcomes = run_all(("three_cells", {"seed": s}) for s in range(1, seeds + 1))
     times = times_of(outcomes)
@@ -98,7 +98,7 @@ def missions(seeds: int) -> Iterator[str | bool]:
 
 
 def digests(seeds: int) -> Iterator[str | bool]:
-    """Issue: five full missions have the same trace digest in one process and in many."""
+    """Five full missions have the same trace digest in one process and in many."""
     count = min(5, seeds)
     yield "## One process or many\n"
     outcomes = run_all(("three_cells", {"seed": s}) for s in range(1, count + 1))
@@ -133,7 +133,7 @@ def cell(robots: int, radius_m: float, seeds: int, **more: Any) -> list[Outcome]
 
 
 def policies_disk(seeds: int) -> Iterator[str | bool]:
-    """Issue: on disk, scout needs at most 0.75 of vds in four cells."""
+    """On disk, scout needs at most 0.75 of vds in four cells."""
     yield "## Policy `scout` against the paper's rules, disk\n"
     yield "| N / r_t | vds | scout | scout, walking at 1 km/h | ratio | ratio at 1 km/h |\n|---|---|---|---|---|---|\n"
     for robots, radius in POLICY_CELLS["disk"]:
@@ -148,7 +148,7 @@ def policies_disk(seeds: int) -> Iterator[str | bool]:
 
 
 def policies_walls(seeds: int) -> Iterator[str | bool]:
-    """Issue: behind walls scout finishes in (nearly) all seeds."""
+    """Behind walls scout finishes in (nearly) all seeds."""
     yield "## Policy `scout` behind walls\n"
     yield "| N / r_t | disk_los | finished | log_distance, n = 2.2, 18 dB a wall | finished |\n|---|---|---|---|---|\n"
     for robots, radius in POLICY_CELLS["walls"]:
@@ -164,7 +164,7 @@ def policies_walls(seeds: int) -> Iterator[str | bool]:
 
 
 def policies_trouble(seeds: int) -> Iterator[str | bool]:
-    """Issue: loss, shadowing, a misjudged wall and a dead relay, N = 12, r_t = 15 m behind walls."""
+    """Loss, shadowing, a misjudged wall and a dead relay, N = 12, r_t = 15 m behind walls."""
     logd = {"radio.model": "log_distance", "radio.exponent": 2.2}
     cases: dict[str, dict[str, Any]] = {
         "30 % frame loss": {"radio.model": "disk_los", "radio.loss": 0.3},
@@ -191,7 +191,7 @@ ORPHAN_RADII_M = (20.0, 18.0, 15.0, 12.0)
 
 
 def dead_relay(seeds: int) -> Iterator[str | bool]:
-    """Issue: N = 12, a relay in the middle of the chain is killed at 120 s; every orphan is back within 60 s."""
+    """N = 12, a relay in the middle of the chain is killed at 120 s; every orphan is back within 60 s."""
     yield "## A dead relay: N = 12, `kill:relay:mid@120`\n"
     yield "| r_t | seeds with an orphan | orphans | back after (median, longest) | seeds with all back within 60 s "
     yield "| all cells searched | search time |\n|---|---|---|---|---|---|---|\n"

@@ -11,6 +11,7 @@ import pytest
 import zenoh
 
 from bus.access import credentials, dictionary, router_config, rules, users_of
+from bus.codec import WireError
 from bus.keys import TABLE, Keys, check_run
 from bus.session import BusError, Login, Mailbox, Session, free_endpoint, new_token, require_free
 
@@ -167,6 +168,12 @@ def test_external_router_gets_the_same_rules() -> None:
 def test_run_name_must_be_one_chunk(name: str) -> None:
     with pytest.raises(ValueError, match="can't name a run"):
         check_run(name)
+
+
+@pytest.mark.parametrize("token", ["4/nonsense", "4/*", "4/-0000001", "x/00000001", "4/1", "4/123456789"])
+def test_a_token_that_is_none_is_a_wire_error(token: str) -> None:
+    with pytest.raises(WireError):
+        Keys.token_of(f"vds/run/alive/robot/{token}")
 
 
 def test_keys_are_read_back() -> None:

@@ -188,19 +188,12 @@ def test_pace_that_begins_held_goes_on_when_told() -> None:
         "step 0",
         "step x",
         "go on",
-        "fault",
-        "fault x",
-        "fault kill:9@0",
     ],
 )
 def test_bad_command_changes_nothing_and_says_why(line: str) -> None:
-    pace = Pace(0.0, Clock(), robots=3)
+    pace = Pace(0.0, Clock())
     assert "error" in json.loads(pace.command(line, dict))
     assert pace.delay_s(10**6) == 0.0
-    assert pace.faults() == []
-    pace.command("fault kill:3@0", dict)
-    assert [fault.target for fault in pace.faults()] == ["3"]
-    assert pace.faults() == []
 
 
 def test_blame_is_shared_out() -> None:

@@ -9,7 +9,9 @@ import time
 import pytest
 from small_run import BROKEN, small_run
 
-from bus.member import LOST_STATUS, REFUSED_STATUS
+from bus.member import LOST_STATUS, REFUSED_STATUS, Member
+from medium.messages import Inbox, Transmission
+from world.messages import Motion, Sense, Status
 
 pytestmark = pytest.mark.processes
 
@@ -164,6 +166,28 @@ def test_world_that_raises_takes_everybody_with_it() -> None:
         assert codes.pop("world") == 1
         assert "ZeroDivisionError" in run.log("world")
         assert set(codes.values()) == {LOST_STATUS}
+
+
+def test_robot_that_talks_nonsense_holds_nobody_up() -> None:
+    with small_run(absent=3, hang_deadline_s=0.5, medium_deadline_s=5.0) as run:
+        member = Member(run.logins["robot-3"], "robot", 3, Sense.decode, Inbox.decode)
+        with member.session as session:
+            stray = session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
+            for k in range(30):
+                turn = member.turn()
+                assert turn is not None
+                tick = turn[0].tick
+                speeches = b"nonsense", Transmission(tick, 1, ()).encode(), Transmission(tick + 9, 3, ()).encode()
+                status = Status(nms=500) if k == 29 else Status()
+                member.answer(speeches[k % 3], Motion(tick, 0.0, 0.0, status).encode())
+            run.until(lambda: run.tick >= 29 and not run.present(3), "robot 3 departed")
+            run.ticks(10)
+            run.interrupt()
+            stray.undeclare()
+        assert next(s.tick for s in run.snapshots if not s.present[2]) == 29
+        assert run.finals["medium"]["malformed"] == 31, "what robot 3 said, and the token"
+        assert run.finals["world"]["malformed"] >= 2, "the token and the status"
+        assert run.finals["world"]["status"] == "interrupted"
 
 
 def test_fault_by_hand_takes_a_robot_out_and_tells_the_launcher() -> None:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deploy.run_folder import OPERATOR, RunFolder, living_launcher
+from deploy.operator_file import OPERATOR, living_launcher
+from deploy.run_folder import RunFolder
 from world.messages import UNREACHABLE, Event, Snapshot
 
 

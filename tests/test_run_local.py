@@ -101,13 +101,14 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
     assert str(port) in ended.stderr
 
 
-def test_without_its_dependencies_it_says_how_to_get_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize("script", [["run_local.py", "--robots", "9"], ["ctl.py", "status"], ["study.py", "fig6"]])
+def test_without_its_dependencies_it_says_how_to_get_them(script: list[str], tmp_path: Path) -> None:
     shutil.copytree(ROOT / "deploy", tmp_path / "deploy", ignore=shutil.ignore_patterns("__pycache__"))
-    bare = [sys.executable, "-S", "-I", str(tmp_path / "deploy" / "run_local.py"), "--robots", "9"]
+    bare = [sys.executable, "-S", "-I", str(tmp_path / "deploy" / script[0]), *script[1:]]
     ended = subprocess.run(bare, capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
     assert "make setup" in ended.stderr
-    assert ".venv/bin/python deploy/run_local.py" in ended.stderr
+    assert f".venv/bin/python deploy/{script[0]}" in ended.stderr
 
 
 class Running:

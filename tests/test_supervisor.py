@@ -87,6 +87,11 @@ def test_an_exception_is_told_from_a_signal(supervisor: Supervisor) -> None:
     assert "the reason" in supervisor.tail("robot/1"), "the log of a name goes on after a restart"
 
 
+def test_an_end_by_a_signal_without_a_name_is_told() -> None:
+    assert str(Exit("robot/4", 17, -int(signal.SIGKILL))) == "robot/4 (pid 17) ended by SIGKILL"
+    assert str(Exit("robot/4", 17, -(signal.SIGRTMIN + 1))) == f"robot/4 (pid 17) ended by signal {signal.SIGRTMIN + 1}"
+
+
 def test_children_are_titled_preloaded_and_single_threaded(supervisor: Supervisor) -> None:
     supervisor.start("robot/7", reports)
     assert wait_for_end(supervisor).code == 0

@@ -14,8 +14,6 @@ from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Cls, Jam, Snaps
 __all__ = ["chain_to_station", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve", "tick_of"]
 
 VERBS: Final = get_args(Verb)
-LASTING: Final = ("restart", "pause", "jam", "loss")
-"""Verbs that need a duration."""
 
 ROLES: Final = "a robot id, station, relay:mid, relay:first, nms-of:ID, sr:far or random"
 FORM: Final = "VERB:TARGET@T or VERB:TARGET@T+D, such as kill:relay:mid@90 or pause:4@60+5"

@@ -343,6 +343,8 @@ class Snapshot:
         f = unpack(data, 14)
         nodes = column(f[1], _I2)
         n = len(nodes)
+        if not isinstance(f[11], list) or not isinstance(f[13], list):
+            raise WireError("search rates and victims are lists")
         return cls(
             integer(f[0], 0, MAX_TICK), nodes, column(f[2], _U1, n), column(f[3], _F8, 2 * n).reshape(n, 2),
             column(f[4], _U1, n), column(f[5], _U1, n), column(f[6], _U1, n), column(f[7], _I2, n),

@@ -8,8 +8,6 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-from world.config import Fault
-from world.faults import check_fault, parse_fault
 from world.messages import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
@@ -20,22 +18,17 @@ COMMANDS: Final = "hold, step [N], go, speed F|max, fault VERB:TARGET@T[+D], int
 class Pace:
     """When the next tick may begin; commands come from another thread."""
 
-    def __init__(
-        self, speed: float, now_s: Callable[[], float], *, robots: int | None = None, held: bool = False
-    ) -> None:
+    def __init__(self, speed: float, now_s: Callable[[], float], *, held: bool = False) -> None:
         """Pace of a run.
 
         Args:
             speed: simulated seconds per wall second; 0 = as fast as possible.
             now_s: the wall clock.
-            robots: how many there are, so that a fault can be checked.
             held: begin held.
         """
         self._lock = threading.Lock()
         self._now_s = now_s
         self._speed = speed
-        self._robots = robots
-        self._faults: list[Fault] = []
         self._steps: int | None = 0 if held else None
         """Ticks that a held run may still take; None = not held."""
         self._base: tuple[int, float] | None = None
@@ -63,18 +56,12 @@ class Pace:
             if self._steps:
                 self._steps -= 1
 
-    def faults(self) -> list[Fault]:
-        """Faults by hand since the last call."""
-        with self._lock:
-            taken, self._faults = self._faults, []
-        return taken
-
     def interrupt(self) -> None:
         """End the run at the next tick's end."""
         self.interrupted = True
 
     def command(self, line: str, status: Callable[[], dict[str, Any]]) -> str:
-        """Obey one of COMMANDS; returns JSON. A fault acts at the next tick, whatever its own time says."""
+        """Obey one of COMMANDS other than `fault`, which is no matter of pace; returns JSON."""
         words = line.split()
         try:
             self._obey(words)
@@ -100,10 +87,6 @@ class Pace:
                 case ["speed", value]:
                     self._speed = _speed(value)
                     self._steps = self._base = None
-                case ["fault", text]:
-                    fault = parse_fault(text)
-                    check_fault(fault, self._robots)
-                    self._faults.append(fault)
                 case ["interrupt"]:
                     self.interrupted = True
                 case _:

@@ -64,7 +64,7 @@ class Shell:
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
         self._attendance = Attendance()
-        self._pace = Pace(config.speed, time.monotonic, robots=config.robots, held=config.held)
+        self._pace = Pace(config.speed, time.monotonic, held=config.held)
         self._stopwatch = Stopwatch()
         self._phases = Phases(time.perf_counter)
         self._gather: Gather[Motion | Report] = Gather(-1, ())
@@ -144,8 +144,6 @@ class Shell:
                 core.interrupt()
                 return Stop(core.tick, "interrupted")
             started_s = time.perf_counter()
-            for fault in self._pace.faults():
-                core.inject(fault)
             self._phases.skip()
             begin = core.begin()
             self._phases.mark("step")
@@ -315,9 +313,16 @@ class Shell:
             if self._attendance.token(node):
                 self._refuse(node, token)
             return
-        message = Report.decode(body) if node == STATION else Motion.decode(body)
+        message = Report.decode(body) if node == STATION else self._motion(body)
         if message.tick != self._gather.tick or not self._gather.add(node, message):
             self._attendance.heard(node, token)
+
+    def _motion(self, body: bytes) -> Motion:
+        motion = Motion.decode(body)
+        status = motion.status
+        if max(status.nms, status.msr, status.nmsr) > self._config.robots:
+            raise WireError("a status names a node that is not in this run")
+        return motion
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         token = self._session.keys.token_of(key)
