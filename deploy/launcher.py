@@ -308,7 +308,10 @@ class Launcher:
         elif kind == "signal":
             self._carry_out(Signal.decode(payload))
         elif kind == "final":
-            self._finals[rest] = msgpack.unpackb(payload, strict_map_key=False)
+            try:
+                self._finals[rest] = msgpack.unpackb(payload, strict_map_key=False)
+            except (ValueError, msgpack.UnpackException) as error:
+                raise WireError(f"not msgpack: {error}") from error
             if rest == "world":
                 self._world_ended()
 

@@ -44,8 +44,10 @@ class RunFolder:
         self._baseline = baseline
         self._progress = _Progress(scenario.cell_names)
         (path / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
-        for old in (path / "summary.json", *path.glob("recording*.rrd")):
-            old.unlink(missing_ok=True)
+        # What an earlier run left in a folder that is used again must not pass for this one's.
+        for pattern in ("summary.json", "recording*.rrd", "journal", "map.yaml", "map.pgm", "logs/*.log"):
+            for old in path.glob(pattern):
+                old.unlink()
         self._metrics_file = (path / "metrics.csv").open("w", newline="", encoding="utf-8")
         self._metrics = csv.writer(self._metrics_file)
         self._metrics.writerow([*_COLUMNS, *(f"search_rate_{name}" for name in scenario.cell_names)])

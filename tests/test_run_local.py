@@ -254,6 +254,7 @@ def test_a_killed_and_a_hung_agent_cost_the_run_nothing_but_themselves(start: Ca
     summary = running.summary()
     assert (summary["status"], summary["ticks"]) == ("time_limit", 600)
     assert summary["wall_clock_faults"] == 2
+    assert {fault["target"] for fault in summary["faults"]} == {"2", "3"}
     assert {2, 3} <= {json.loads(line)["node"] for line in events_of(running.out, "fault")}
     assert gone(pids)
 
