@@ -130,9 +130,9 @@ class Robot:
         )  # fmt: skip
 
     def table(self) -> Table | None:
-        """The forwarding table for the recording; None if it was shown lately, or nothing but locations changed."""
+        """Show the forwarding table for the recording, once a second at most; None if nothing but locations changed."""
         tick, last = self.body.tick, self._shown
-        if last is not None and tick - last.tick < _TABLE_INTERVAL_TICKS:
+        if (tick + self.config.node) % _TABLE_INTERVAL_TICKS:
             return None
         now = self.body.router.shown(tick, self._action.msr)
         if (
