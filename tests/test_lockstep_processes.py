@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import multiprocessing.forkserver
 import signal
 import time
+from collections.abc import Iterator
 
 import pytest
 from small_run import BROKEN, small_run
@@ -14,6 +16,13 @@ from medium.messages import Inbox, Transmission
 from world.messages import Motion, Sense, Status
 
 pytestmark = pytest.mark.processes
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_fork_server() -> Iterator[None]:
+    """Leave no fork server behind: a program has one, and other tests want theirs with another environment."""
+    yield
+    multiprocessing.forkserver._forkserver._stop()  # type: ignore[attr-defined]
 
 
 def test_runs_to_its_time_limit_and_everybody_leaves() -> None:
