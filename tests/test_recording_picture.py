@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -42,7 +43,9 @@ def viewer() -> Iterator[ViewerClient]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True) as client:
+    # Beside this Python, whether or not its environment is on the PATH.
+    viewer_path = str(Path(sys.executable).with_name("rerun"))
+    with ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_path) as client:
         yield client
 
 
