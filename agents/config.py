@@ -42,6 +42,11 @@ class Routing:
     r_out_share: Positive = 0.9
     """r_out / r_t."""
 
+    def quiet_until(self, incarnation: int, first_tick: int) -> int:
+        """First tick at which a node that starts at `first_tick` sends and learns routes (PROCEDURE 2)."""
+        quiet = incarnation > 0 and self.quiet_restart
+        return first_tick + self.neighbor_timeout_ticks + 1 if quiet else first_tick
+
 
 @dataclass(frozen=True)
 class Classing:

@@ -25,9 +25,7 @@ class Robot:
 
     def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
         """A new incarnation of a robot stays silent and deaf on routes while its old routes die out (PROCEDURE 2)."""
-        routing = config.rules.routing
-        quiet = incarnation > 0 and routing.quiet_restart
-        quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
+        quiet_until = config.rules.routing.quiet_until(incarnation, first_tick)
         # A text seeds the same way on every machine and under every PYTHONHASHSEED.
         rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config

@@ -29,9 +29,7 @@ class Station:
 
     def __init__(self, config: StationConfig, incarnation: int, first_tick: int) -> None:
         node = config.node
-        routing = node.rules.routing
-        quiet = incarnation > 0 and routing.quiet_restart
-        quiet_until = first_tick + routing.neighbor_timeout_ticks + 1 if quiet else first_tick
+        quiet_until = node.rules.routing.quiet_until(incarnation, first_tick)
         self.config = config
         self.router = Router(node, random.Random(f"{node.seed}/{node.node}/{incarnation}"), quiet_until)
         self.merger = MapMerger(node.geometry, node.safety_zone_m)
