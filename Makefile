@@ -6,7 +6,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format bench acceptance chaos study clean
+.PHONY: setup run test check format compiled bench acceptance chaos study clean
 
 setup: $(STAMP)
 
@@ -31,6 +31,11 @@ check: setup
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# The same program with its cores compiled (needs a C compiler and some minutes): build/compiled/deploy/run_local.py, and so on.
+compiled: setup
+	rm -rf build/compiled build/lib* build/temp*
+	VDS_COMPILED=all $(BIN)/python setup.py -q build --build-lib build/compiled
 
 # Longer measurements.
 bench: setup

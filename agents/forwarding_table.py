@@ -19,6 +19,7 @@ import struct
 from typing import Final
 
 from bus.codec import WireError
+from world.compiled import kernels
 from world.messages import MAX_NODE, NOBODY, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
@@ -30,6 +31,10 @@ pattern is a valid one, so nothing in it has to be checked."""
 
 _PER_METRE: Final = 100_000.0
 """Places travel in steps of 10 um, up to 21 km: coarser, and a robot that hugs a wall seems to stand in it."""
+
+_BAD_ROW: Final = -2
+"""What the compiled merge returns for a row that can't be."""
+_BAD_ROW_WORDS: Final = "number and metric disagree (odd means infinite), or there is no such node"
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -125,7 +130,13 @@ class ForwardingTable:
         """
         me, known, next_hop, inherent_of = self.node, self.freshness, self.next_hop, self._inherent
         about_sticky = -1
-        try:
+        if len(rows) % ROW.size:
+            raise WireError("not a run of rows")
+        if kernels is not None:
+            about_sticky = kernels.merge(rows, me, sender, known, next_hop, inherent_of, before, sticky, MAX_NODE)
+            if about_sticky == _BAD_ROW:
+                raise WireError(_BAD_ROW_WORDS)
+        else:
             for dst, freshness, inherent in ROW.iter_unpack(rows):
                 if dst == sticky:
                     about_sticky = freshness
@@ -136,12 +147,10 @@ class ForwardingTable:
                 if offered < present or dst == me or (offered == present and before.get(dst) != sender):
                     continue
                 if not _consistent(offered) or dst > MAX_NODE:
-                    raise WireError("number and metric disagree (odd means infinite), or there is no such node")
+                    raise WireError(_BAD_ROW_WORDS)
                 known[dst] = offered
                 next_hop[dst] = sender if offered & 255 else NOBODY
                 inherent_of[dst] = inherent
-        except struct.error as error:
-            raise WireError("not a run of rows") from error
         if sender not in inherent_of:
             raise WireError("a table lacks its sender's own row")
         return about_sticky
@@ -155,6 +164,9 @@ class ForwardingTable:
 
     def advertised(self) -> bytes:
         """Encode the whole table as a run of ROW, in the order in which destinations became known."""
+        if kernels is not None:
+            rows: bytes = kernels.advertised(self.freshness, self._inherent)
+            return rows
         inherent, pack = self._inherent, ROW.pack
         return b"".join([pack(dst, freshness, inherent[dst]) for dst, freshness in self.freshness.items()])
 

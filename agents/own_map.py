@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.config import RobotConfig
+from world.compiled import kernels
 from world.grid import FREE, OCCUPIED, UNKNOWN
 
 _INTO_WALL_M: Final = 1e-9
@@ -29,6 +30,7 @@ class OwnMap:
         self.geometry = config.geometry
         self._range_m = config.lidar_range_m
         self._beams = config.lidar_beams
+        self._beams_per_radian = config.lidar_beams / (2.0 * math.pi)
         angles = 2.0 * math.pi * np.arange(config.lidar_beams) / config.lidar_beams
         self._cos, self._sin = np.cos(angles), np.sin(angles)
         self._reach = math.ceil(config.lidar_range_m / self.geometry.resolution_m) + 1
@@ -77,6 +79,12 @@ class OwnMap:
     def _seen_free(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """Unknown cells that a scan shows to be free."""
         g = self.geometry
+        if kernels is not None:
+            free: NDArray[np.int64] = kernels.seen_free(
+                self.cells, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m),
+                self._d_row, self._d_col, ranges_m, self._beams_per_radian,
+            )  # fmt: skip
+            return free
         around = self._around(g.index(x_m, y_m))
         cells: NDArray[np.int64] = around[self.cells[around] == UNKNOWN]
         if not cells.size:
@@ -84,20 +92,27 @@ class OwnMap:
         rows, cols = np.divmod(cells, g.cols)
         dx = g.x0_m + (cols + 0.5) * g.resolution_m - x_m
         dy = g.y0_m + (rows + 0.5) * g.resolution_m - y_m
-        beam = np.rint(np.arctan2(dy, dx) * (self._beams / (2.0 * math.pi))).astype(np.int64) % self._beams
+        beam = np.rint(np.arctan2(dy, dx) * self._beams_per_radian).astype(np.int64) % self._beams
         seen: NDArray[np.int64] = cells[np.hypot(dx, dy) < ranges_m[beam]]
         return seen
 
     def _hit(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """Cells not yet known as walls that a scan shows to be walls."""
         g = self.geometry
-        beam = np.flatnonzero(ranges_m < self._range_m)
-        reach = ranges_m[beam] + _INTO_WALL_M
-        cols = np.floor((x_m + reach * self._cos[beam] - g.x0_m) / g.resolution_m).astype(np.int64)
-        rows = np.floor((y_m + reach * self._sin[beam] - g.y0_m) / g.resolution_m).astype(np.int64)
-        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        met = rows[inside] * g.cols + cols[inside]
-        cells: NDArray[np.int64] = met[self.cells[met] != OCCUPIED]
+        cells: NDArray[np.int64]
+        if kernels is not None:
+            cells = kernels.hit(
+                self.cells, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m,
+                ranges_m, self._cos, self._sin, self._range_m, _INTO_WALL_M,
+            )  # fmt: skip
+        else:
+            beam = np.flatnonzero(ranges_m < self._range_m)
+            reach = ranges_m[beam] + _INTO_WALL_M
+            cols = np.floor((x_m + reach * self._cos[beam] - g.x0_m) / g.resolution_m).astype(np.int64)
+            rows = np.floor((y_m + reach * self._sin[beam] - g.y0_m) / g.resolution_m).astype(np.int64)
+            inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
+            met = rows[inside] * g.cols + cols[inside]
+            cells = met[self.cells[met] != OCCUPIED]
         return np.unique(cells) if cells.size else cells
 
     def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
@@ -153,6 +168,10 @@ class OwnMap:
         du, dv = (x1_m - x0_m) / g.resolution_m, (y1_m - y0_m) / g.resolution_m
         if not (0.0 <= u0 + du < g.cols and 0.0 <= v0 + dv < g.rows):
             return _OUTSIDE  # a peer may say that it is anywhere
+        values: NDArray[np.int8]
+        if kernels is not None:
+            values = self.cells[kernels.on_segment(g.cols, u0, v0, du, dv)]
+            return values
         u_lines = np.arange(math.floor(min(u0, u0 + du)) + 1, math.ceil(max(u0, u0 + du)))
         v_lines = np.arange(math.floor(min(v0, v0 + dv)) + 1, math.ceil(max(v0, v0 + dv)))
         parts = [_ENDS]
@@ -164,5 +183,5 @@ class OwnMap:
         t.sort()
         middle = 0.5 * (t[1:] + t[:-1])
         cols, rows = (u0 + middle * du).astype(np.int64), (v0 + middle * dv).astype(np.int64)
-        values: NDArray[np.int8] = self.cells[rows * g.cols + cols]
+        values = self.cells[rows * g.cols + cols]
         return values

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from world.compiled import kernels
 from world.geometry import pad
 from world.grid import GridGeometry
 
@@ -40,6 +41,8 @@ class _Crossings:
         """(rays,) how far the beam moves along a line from one to the next."""
         # Every ray keeps at least one crossing, since an empty segment has no minimum.
         counts = np.maximum(np.ceil(range_cells * np.where(never, 0.0, np.abs(ahead))), 1).astype(np.int64)
+        self.counts = counts
+        self.never = never
         self.starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
         self.ray = np.repeat(np.arange(len(ahead)), counts)
         self.split = int(counts[: len(angles)].sum())
@@ -76,6 +79,12 @@ class Caster:
         """
         lines, beams = self._crossings, self._beams
         u, v = (x_m - self._x0_m) / self._resolution_m, (y_m - self._y0_m) / self._resolution_m
+        if kernels is not None:
+            nearest = kernels.cast(
+                self._free, self._cols, u, v, self._far,
+                lines.forward, lines.per_line, lines.drift, lines.counts, lines.never,
+            )  # fmt: skip
+            return self._in_metres(nearest)
         col, row = math.floor(u), math.floor(v)
         to_first = np.empty(2 * beams)
         to_first[:beams] = u - col
@@ -96,7 +105,9 @@ class Caster:
         # since it is beyond the range too.
         np.copyto(distance, self._far, where=self._free.take(cells, mode="clip"))
         nearest = np.minimum.reduceat(distance, lines.starts)
-        ranges = np.minimum(nearest[:beams], nearest[beams:])
+        return self._in_metres(np.minimum(nearest[:beams], nearest[beams:]))
+
+    def _in_metres(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
         ranges *= self._resolution_m
         np.minimum(ranges, self._range_m, out=ranges)
         return ranges

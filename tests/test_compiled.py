@@ -1,0 +1,155 @@
+"""The compiled loops give the same bits as the Python beside them, and a run in which they are used has the same trace."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import agents.forwarding_table
+import agents.own_map
+import world.lidar
+from agents.config import RobotConfig
+from agents.forwarding_table import ROW, ForwardingTable, freshness_of
+from agents.own_map import OwnMap
+from bus.codec import WireError
+from deploy.scenario import load
+from deploy.simulation import Simulation
+from tests.conftest import ROOT
+from world.grid import OCCUPIED, GridGeometry
+from world.lidar import Caster
+from world.messages import NOBODY
+
+GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
+USERS = (agents.forwarding_table, agents.own_map, world.lidar)
+
+property_test = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture(scope="module")
+def kernels(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """The extension module, built from source."""
+    pytest.importorskip("Cython")
+    place = tmp_path_factory.mktemp("kernels")
+    subprocess.run(
+        [sys.executable, "setup.py", "-q", "build_ext", "--build-lib", str(place), "--build-temp", str(place / "o")],
+        cwd=ROOT, env={**os.environ, "VDS_COMPILED": "kernels"}, check=True, capture_output=True, timeout=200,
+    )  # fmt: skip
+    (built,) = (place / "world").glob("_kernels*.so")
+    spec = importlib.util.spec_from_file_location("world._kernels", built)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def using(module: ModuleType | None) -> Iterator[None]:
+    """Everybody uses this module's loops, or none."""
+    with pytest.MonkeyPatch.context() as patch:
+        for user in USERS:
+            patch.setattr(user, "kernels", module)
+        yield
+
+
+def robot_config() -> RobotConfig:
+    return RobotConfig(1, 1, GEOMETRY, (0.0, 10.0), (-1.0, 9.0, 1.0, 11.0), 20.0, 8.0, 180, 0.0, 40.0, 3.0)
+
+
+inside = st.tuples(st.floats(-2.99, 14.99), st.floats(7.01, 21.99))
+anywhere = st.tuples(st.floats(-6.0, 18.0), st.floats(4.0, 25.0))
+
+
+@property_test
+@given(inside, st.integers(0, 10_000), st.sampled_from([8, 37, 180]), st.sampled_from([2.0, 4.3, 8.0]))
+def test_scans_are_equal(
+    kernels: ModuleType, place: tuple[float, float], seed: int, beams: int, reach_m: float
+) -> None:
+    occupied = np.random.default_rng(seed).random((GEOMETRY.rows, GEOMETRY.cols)) < 0.08
+    caster = Caster(occupied, GEOMETRY, beams, reach_m)
+    with using(None):
+        expected = caster.cast(*place)
+    with using(kernels):
+        np.testing.assert_array_equal(caster.cast(*place), expected)
+
+
+@property_test
+@given(st.lists(inside, min_size=1, max_size=6), st.integers(0, 10_000))
+def test_maps_are_equal(kernels: ModuleType, places: list[tuple[float, float]], seed: int) -> None:
+    config = robot_config()
+    occupied = np.random.default_rng(seed).random((GEOMETRY.rows, GEOMETRY.cols)) < 0.08
+    caster = Caster(occupied, GEOMETRY, config.lidar_beams, config.lidar_range_m)
+    ours, theirs = OwnMap(config), OwnMap(config)
+    for place in places:
+        ranges = caster.cast(*place)
+        with using(None):
+            expected = theirs.integrate(*place, ranges)
+        with using(kernels):
+            found = ours.integrate(*place, ranges)
+        for a, b in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(ours.cells, theirs.cells)
+
+
+@property_test
+@given(inside, anywhere, st.integers(0, 10_000))
+def test_lines_are_equal(kernels: ModuleType, a: tuple[float, float], b: tuple[float, float], seed: int) -> None:
+    own = OwnMap(robot_config())
+    own.cells[:] = np.random.default_rng(seed).integers(-1, OCCUPIED + 1, own.cells.size)
+    with using(None):
+        expected = own.clear_line(*a, *b), own.obstacles(*a, *b)
+    with using(kernels):
+        assert (own.clear_line(*a, *b), own.obstacles(*a, *b)) == expected
+
+
+def tables(seed: int) -> tuple[ForwardingTable, dict[int, int], bytes]:
+    """A table, next hops before the tick, and what a neighbor advertises: now and then with a row that can't be."""
+    rng = random.Random(seed)
+    table = ForwardingTable(1)
+    for dst in rng.sample(range(12), 8):
+        table.set_route(dst, freshness_of(2 * rng.randrange(4), rng.randrange(5)), rng.randrange(12))
+        table.set_inherent(dst, rng.randrange(2), (rng.uniform(0, 50), 1.0), (2.0, 3.0))
+    rows = []
+    for dst in [3, *rng.sample(range(12), 8)]:
+        finite = rng.random() < 0.8
+        freshness = freshness_of(2 * rng.randrange(4), rng.randrange(5)) if finite else (2 * rng.randrange(4) + 1) << 8
+        if rng.random() < 0.02:
+            freshness ^= 256
+        rows.append(ROW.pack(dst if rng.random() > 0.01 else 40_000, freshness, rng.randbytes(18)))
+    before = {dst: rng.choice([2, 3, NOBODY]) for dst in rng.sample(range(12), 9)}
+    return table, before, b"".join(rows)[: None if rng.random() > 0.02 else -1]
+
+
+@property_test
+@given(st.integers(0, 1 << 30), st.sampled_from([0, NOBODY]))
+def test_merged_tables_are_equal(kernels: ModuleType, seed: int, sticky: int) -> None:
+    outcomes = []
+    for module in (None, kernels):
+        table, before, rows = tables(seed)
+        with using(module):
+            try:
+                outcome: object = table.merge(3, rows, before, sticky)
+            except WireError as error:
+                outcome = str(error)
+            outcomes.append((outcome, table.freshness, table.next_hop, list(table.freshness), table.advertised()))
+    assert outcomes[0] == outcomes[1]
+
+
+def test_a_run_has_the_same_trace(kernels: ModuleType) -> None:
+    digests = []
+    for module in (None, kernels):
+        with using(module):
+            run = Simulation(load("three_cells", {"robots": 5, "radius_m": 12.0, "duration_s": 60.0, "seed": 4})).run()
+        digests.append(run.trace_sha256)
+    assert digests[0] == digests[1]

@@ -1,0 +1,230 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""Compiled forms of the few loops that take most of a tick; built by `make compiled`, and used where they are there.
+
+Each gives the same bits as the Python beside it (tests/test_kernels.py): the same operations on the same doubles in the
+same order, never fused (-ffp-contract=off).
+"""
+
+from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
+from cpython.dict cimport PyDict_GetItem, PyDict_Next
+from cpython.object cimport PyObject
+from libc.math cimport atan2, ceil, floor, hypot, rint
+from libc.stdint cimport int64_t, uint64_t
+from libc.string cimport memcpy
+
+import numpy as np
+
+cdef enum:
+    ROW = 28
+    INHERENT = 18
+
+
+def cast(
+    const unsigned char[::1] free_cells,
+    Py_ssize_t cols,
+    double u,
+    double v,
+    double far,
+    const unsigned char[::1] forward,
+    const double[::1] per_line,
+    const double[::1] drift,
+    const int64_t[::1] counts,
+    const unsigned char[::1] never,
+):
+    """world.lidar.Caster.cast: (beams,) distances in cells to the first wall of each beam; `far` where there is none."""
+    cdef Py_ssize_t rays = forward.shape[0], beams = rays // 2, cells = free_cells.shape[0]
+    cdef Py_ssize_t ray, line, cell
+    cdef double col = floor(u), row = floor(v), to_first, beside, distance, nearest
+    cdef Py_ssize_t col_cell = <Py_ssize_t>col, row_cell = <Py_ssize_t>row
+    out = np.empty(beams)
+    cdef double[::1] result = out
+    for ray in range(rays):
+        to_first = u - col if ray < beams else v - row
+        if forward[ray]:
+            to_first = 1.0 - to_first
+        beside = to_first * drift[ray] + (v if ray < beams else u)
+        to_first *= per_line[ray]
+        nearest = far
+        for line in range(counts[ray]):
+            cell = <Py_ssize_t>(beside + <double>line * drift[ray])
+            if ray < beams:
+                cell = cell * cols + (line + 1 if forward[ray] else -line - 1) + col_cell
+            else:
+                cell += ((line + 1 if forward[ray] else -line - 1) + row_cell) * cols
+            cell = min(max(cell, 0), cells - 1)
+            if not free_cells[cell]:
+                # Later crossings of the same beam are farther.
+                if not never[ray]:
+                    distance = to_first + <double>line * per_line[ray]
+                    nearest = min(nearest, distance)
+                break
+        if ray < beams:
+            result[ray] = nearest
+        else:
+            result[ray - beams] = min(result[ray - beams], nearest)
+    return out
+
+
+def seen_free(
+    const signed char[::1] cells,
+    Py_ssize_t rows,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    double x_m,
+    double y_m,
+    Py_ssize_t index,
+    const int64_t[::1] d_row,
+    const int64_t[::1] d_col,
+    const double[::1] ranges_m,
+    double beams_per_radian,
+):
+    """agents.own_map.OwnMap._seen_free: unknown cells (int64) that a scan shows to be free."""
+    cdef Py_ssize_t n = d_row.shape[0], k, row, col, found = 0, beams = ranges_m.shape[0]
+    cdef Py_ssize_t at_row = index // cols, at_col = index % cols
+    cdef int64_t beam
+    cdef double dx, dy
+    out = np.empty(n, np.int64)
+    cdef int64_t[::1] seen = out
+    for k in range(n):
+        row = at_row + d_row[k]
+        col = at_col + d_col[k]
+        if row < 0 or row >= rows or col < 0 or col >= cols or cells[row * cols + col] != -1:
+            continue
+        dx = x0_m + (<double>col + 0.5) * resolution_m - x_m
+        dy = y0_m + (<double>row + 0.5) * resolution_m - y_m
+        beam = <int64_t>rint(atan2(dy, dx) * beams_per_radian)
+        beam %= beams
+        if beam < 0:
+            beam += beams
+        if hypot(dx, dy) < ranges_m[beam]:
+            seen[found] = row * cols + col
+            found += 1
+    return out[:found]
+
+
+def hit(
+    const signed char[::1] cells,
+    Py_ssize_t rows,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    double x_m,
+    double y_m,
+    const double[::1] ranges_m,
+    const double[::1] cosines,
+    const double[::1] sines,
+    double range_m,
+    double into_wall_m,
+):
+    """agents.own_map.OwnMap._hit: cells (int64), in the order of the beams, not yet known as walls, that are walls."""
+    cdef Py_ssize_t n = ranges_m.shape[0], k, found = 0
+    cdef double row, col, reach
+    out = np.empty(n, np.int64)
+    cdef int64_t[::1] met = out
+    for k in range(n):
+        if ranges_m[k] < range_m:
+            reach = ranges_m[k] + into_wall_m
+            col = floor((x_m + reach * cosines[k] - x0_m) / resolution_m)
+            row = floor((y_m + reach * sines[k] - y0_m) / resolution_m)
+            if 0 <= row < rows and 0 <= col < cols and cells[<Py_ssize_t>row * cols + <Py_ssize_t>col] != 1:
+                met[found] = <int64_t>row * cols + <int64_t>col
+                found += 1
+    return out[:found]
+
+
+def on_segment(
+    Py_ssize_t cols, double u0, double v0, double du, double dv
+):
+    """agents.own_map.OwnMap._along: flat indices (int64) of the cells on a segment, in order; in units of cells."""
+    cdef double u1 = u0 + du, v1 = v0 + dv
+    cdef double u_low = floor(min(u0, u1)) + 1.0, v_low = floor(min(v0, v1)) + 1.0
+    cdef Py_ssize_t u_lines = max(0, <Py_ssize_t>(ceil(max(u0, u1)) - u_low))
+    cdef Py_ssize_t v_lines = max(0, <Py_ssize_t>(ceil(max(v0, v1)) - v_low))
+    cdef Py_ssize_t i = 0, j = 0, k
+    cdef double before = 0.0, t, t_u, t_v, middle
+    out = np.empty(u_lines + v_lines + 1, np.int64)
+    cdef int64_t[::1] cells = out
+    # Crossings of either axis come in order; merging them sorts all.
+    for k in range(u_lines + v_lines + 1):
+        t_u = 2.0
+        t_v = 2.0
+        if i < u_lines:
+            t_u = ((u_low + <double>(i if du > 0 else u_lines - 1 - i)) - u0) / du
+        if j < v_lines:
+            t_v = ((v_low + <double>(j if dv > 0 else v_lines - 1 - j)) - v0) / dv
+        if i < u_lines and t_u <= t_v:
+            t = t_u
+            i += 1
+        elif j < v_lines:
+            t = t_v
+            j += 1
+        else:
+            t = 1.0
+        middle = 0.5 * (t + before)
+        cells[k] = <int64_t>(v0 + middle * dv) * cols + <int64_t>(u0 + middle * du)
+        before = t
+    return out
+
+
+def merge(
+    bytes rows, int me, int sender, dict known, dict next_hop, dict inherent_of, dict before, int sticky, int max_node
+):
+    """agents.forwarding_table.ForwardingTable.merge: freshness of the entry `sticky`, or -1; -2 after a bad row."""
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
+    cdef int dst, byte
+    cdef uint64_t freshness, offered, present
+    cdef PyObject* found
+    cdef object key, nobody = -1, through = sender, about_sticky = -1
+    while raw < end:
+        dst = raw[0] | raw[1] << 8
+        freshness = 0
+        for byte in range(8):
+            freshness |= <uint64_t>raw[2 + byte] << 8 * byte
+        raw += ROW
+        if dst == sticky:
+            about_sticky = freshness
+            continue
+        offered = freshness - 1 if freshness & 255 else freshness
+        key = dst
+        found = PyDict_GetItem(known, key)
+        if dst == me:
+            continue
+        if found != NULL:
+            present = <object>found
+            if offered < present:
+                continue
+            if offered == present:
+                found = PyDict_GetItem(before, key)
+                if found == NULL or <object>found != sender:
+                    continue
+        if (not offered & 256) != (offered & 255 > 0) or dst > max_node:
+            return -2
+        known[key] = offered
+        next_hop[key] = through if offered & 255 else nobody
+        inherent_of[key] = PyBytes_FromStringAndSize(<const char*>raw - INHERENT, INHERENT)
+    return about_sticky
+
+
+def advertised(dict known, dict inherent_of):
+    """agents.forwarding_table.ForwardingTable.advertised: the whole table as a run of rows."""
+    cdef bytes rows = PyBytes_FromStringAndSize(NULL, ROW * len(known))
+    cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(rows)
+    cdef PyObject* key
+    cdef PyObject* value
+    cdef Py_ssize_t at = 0
+    cdef int dst, byte
+    cdef uint64_t freshness
+    while PyDict_Next(known, &at, &key, &value):
+        dst = <object>key
+        freshness = <object>value
+        raw[0] = dst & 255
+        raw[1] = dst >> 8
+        for byte in range(8):
+            raw[2 + byte] = freshness >> 8 * byte & 255
+        memcpy(raw + 10, PyBytes_AS_STRING(inherent_of[<object>key]), INHERENT)
+        raw += ROW
+    return rows
