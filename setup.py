@@ -1,7 +1,7 @@
-"""Nothing is compiled by default. VDS_COMPILED=all, as in `make compiled`, compiles the cores; =kernels the loops only."""
+"""Nothing is compiled by default. VDS_COMPILED=all compiles the cores (`make compiled`), =kernels some loops only."""
 
 import os
-from glob import glob
+from pathlib import Path
 
 from setuptools import Extension, setup
 
@@ -19,9 +19,10 @@ LEFT_TO_PYTHON = (
 
 def cores() -> list[str]:
     """The modules that a tick runs through."""
-    paths = [*glob("agents/*.py"), *glob("world/*.py"), *glob("medium/*.py"), "bus/codec.py", "bus/phases.py"]
-    paths += [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
-    return sorted(path for path in [*paths, "deploy/simulation.py"] if not any(name in path for name in LEFT_TO_PYTHON))
+    names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
+    paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
+    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
+    return sorted([*paths, *station, "bus/codec.py", "bus/phases.py", "deploy/simulation.py"])
 
 
 def extensions(what: str) -> list[Extension]:

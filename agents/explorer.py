@@ -14,6 +14,7 @@ import random
 from typing import Final
 
 import numpy as np
+from mypy_extensions import mypyc_attr
 from numpy.typing import NDArray
 
 from agents.config import Exploring
@@ -49,6 +50,7 @@ def ticks(seconds: float) -> int:
     return round(seconds / TICK_S)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Explorer:
     """Target of one search robot, and its memory of stalls."""
 

@@ -20,6 +20,7 @@ _INTO_WALL_M: Final = 1e-9
 """How far behind the point of impact the wall's cell begins; ranges are exact, so rounding is all that it must beat."""
 
 _ENDS: Final = np.array([0.0, 1.0])
+_NONE: Final = np.zeros(0, np.int64)
 _OUTSIDE: Final = np.array([UNKNOWN], np.int8)
 
 
@@ -43,6 +44,7 @@ class OwnMap:
         self.cells[self.geometry.rectangle(*config.safety_zone_m)] = FREE
         self.version = 0
         """Rises with every change."""
+        self._changed = [np.flatnonzero(self.cells == FREE)]
 
     def integrate(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
@@ -62,6 +64,7 @@ class OwnMap:
         self.cells[hit] = OCCUPIED
         self.version += 1
         changed = np.concatenate((free[self.cells[free] == FREE], hit))
+        self._changed.append(changed)
         return changed, self.cells[changed]
 
     def _around(self, index: int) -> NDArray[np.int64]:
@@ -113,7 +116,7 @@ class OwnMap:
             inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
             met = rows[inside] * g.cols + cols[inside]
             cells = met[self.cells[met] != OCCUPIED]
-        return np.unique(cells) if cells.size else cells
+        return np.array(sorted(set(cells.tolist())), np.int64)
 
     def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
         """Merge cells from elsewhere.
@@ -124,8 +127,16 @@ class OwnMap:
         better = values > self.cells[cells]
         if better.any():
             # A cell that occurs twice turned from free to occupied: the last value stays.
-            self.cells[cells[better]] = values[better]
+            changed = cells[better].astype(np.int64)
+            self.cells[changed] = values[better]
+            self._changed.append(changed)
             self.version += 1
+
+    def take_changes(self) -> NDArray[np.int64]:
+        """The cells that changed since the last call, in any order, some perhaps twice."""
+        changes = self._changed
+        self._changed = []
+        return np.concatenate(changes) if changes else _NONE
 
     def is_frontier(self, index: int) -> bool:
         """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""

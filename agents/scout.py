@@ -26,12 +26,15 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from mypy_extensions import mypyc_attr
+
 from agents.body import Body, Place
 from agents.explorer import ticks
 from agents.vds import STILL, Vds, Velocity
 from world.messages import NOBODY, TICK_S, Cls, Mode
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Scout(Vds):
     """Decides for one robot."""
 

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from mypy_extensions import mypyc_attr
 
 from agents.body import Action, Body, Place
 from agents.explorer import Explorer
@@ -27,6 +28,7 @@ Velocity = tuple[float, float]
 STILL: Velocity = (0.0, 0.0)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Vds:
     """Decides for one robot. Subclass it to replace `choose_msr` or `choose_target` (docs/writing-a-policy.md)."""
 

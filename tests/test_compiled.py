@@ -1,4 +1,4 @@
-"""The compiled loops give the same bits as the Python beside them, and a run in which they are used has the same trace."""
+"""The compiled loops give the same bits as the Python beside them, and a run that uses them has the same trace."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -19,6 +18,7 @@ from hypothesis import strategies as st
 
 import agents.forwarding_table
 import agents.own_map
+import world.geometry
 import world.lidar
 from agents.config import RobotConfig
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
@@ -27,12 +27,13 @@ from bus.codec import WireError
 from deploy.scenario import load
 from deploy.simulation import Simulation
 from tests.conftest import ROOT
+from world.geometry import walls_crossed
 from world.grid import OCCUPIED, GridGeometry
 from world.lidar import Caster
 from world.messages import NOBODY
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
-USERS = (agents.forwarding_table, agents.own_map, world.lidar)
+USERS = (agents.forwarding_table, agents.own_map, world.geometry, world.lidar)
 
 property_test = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -48,7 +49,8 @@ def kernels(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     )  # fmt: skip
     (built,) = (place / "world").glob("_kernels*.so")
     spec = importlib.util.spec_from_file_location("world._kernels", built)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -100,6 +102,19 @@ def test_maps_are_equal(kernels: ModuleType, places: list[tuple[float, float]], 
         for a, b in zip(found, expected, strict=True):
             np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(ours.cells, theirs.cells)
+
+
+@property_test
+@given(st.lists(st.tuples(anywhere, anywhere), max_size=8), st.integers(0, 10_000))
+def test_walls_are_equal(
+    kernels: ModuleType, segments: list[tuple[tuple[float, float], tuple[float, float]]], seed: int
+) -> None:
+    occupied = np.random.default_rng(seed).random((GEOMETRY.rows, GEOMETRY.cols)) < 0.2
+    a, b = np.array(segments, np.float64).reshape(-1, 2, 2).transpose(1, 0, 2)
+    with using(None):
+        expected = walls_crossed(occupied, GEOMETRY, a, b)
+    with using(kernels):
+        np.testing.assert_array_equal(walls_crossed(occupied, GEOMETRY, a, b), expected)
 
 
 @property_test

@@ -29,8 +29,7 @@ def config(geometry: GridGeometry = GEOMETRY) -> RobotConfig:
 
 def map_of(free: np.ndarray) -> OwnMap:
     own = OwnMap(config(GridGeometry(*free.shape)))
-    own.cells[:] = np.where(free.ravel(), FREE, OCCUPIED)
-    own.version += 1
+    own.apply(np.arange(free.size, dtype=np.uint32), np.where(free.ravel(), FREE, OCCUPIED).astype(np.int8))
     return own
 
 

@@ -8,7 +8,7 @@ same order, never fused (-ffp-contract=off).
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
 from cpython.dict cimport PyDict_GetItem, PyDict_Next
 from cpython.object cimport PyObject
-from libc.math cimport atan2, ceil, floor, hypot, rint
+from libc.math cimport atan2, ceil, fabs, floor, hypot, rint
 from libc.stdint cimport int64_t, uint64_t
 from libc.string cimport memcpy
 
@@ -62,6 +62,52 @@ def cast(
             result[ray] = nearest
         else:
             result[ray - beams] = min(result[ray - beams], nearest)
+    return out
+
+
+def walls_crossed(
+    const unsigned char[::1] walls,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    const double[:, :] a_xy,
+    const double[:, :] b_xy,
+):
+    """world.geometry.walls_crossed: (n,) walls on each segment."""
+    cdef Py_ssize_t n = a_xy.shape[0], last = walls.shape[0] - 1, k, cell, along_stride, across_stride, base
+    cdef double x_a, y_a, x_b, y_b, along, length, slope, enter, leave
+    cdef bint steep, wall, in_wall, leaving
+    out = np.empty(n, np.int64)
+    cdef int64_t[::1] crossed = out
+    for k in range(n):
+        x_a = (a_xy[k, 0] - x0_m) / resolution_m
+        y_a = (a_xy[k, 1] - y0_m) / resolution_m
+        x_b = (b_xy[k, 0] - x0_m) / resolution_m
+        y_b = (b_xy[k, 1] - y0_m) / resolution_m
+        steep = fabs(y_b - y_a) > fabs(x_b - x_a)
+        if steep:
+            x_a, y_a, x_b, y_b = y_a, x_a, y_b, x_b
+        if x_a > x_b:
+            x_a, y_a, x_b, y_b = x_b, y_b, x_a, y_a
+        along_stride = cols if steep else 1
+        across_stride = 1 if steep else cols
+        length = x_b - x_a
+        slope = (y_b - y_a) / length if length > 0 else 0.0
+        along = floor(x_a)
+        enter = y_a
+        in_wall = False
+        crossed[k] = 0
+        while along <= floor(x_b):
+            leave = y_a + slope * (min(along + 1.0, x_b) - x_a)
+            base = <Py_ssize_t>along * along_stride
+            for leaving in range(2):
+                cell = base + <Py_ssize_t>floor(leave if leaving else enter) * across_stride
+                wall = walls[min(max(cell, 0), last)]
+                crossed[k] += wall and not in_wall
+                in_wall = wall
+            enter = leave
+            along += 1.0
     return out
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from world.compiled import kernels
 from world.grid import GridGeometry
 
 __all__ = ["line_of_sight", "pad", "walls_crossed"]
@@ -45,6 +46,11 @@ def walls_crossed(
     Returns:
         (n,) counts, exactly the same when a and b are swapped.
     """
+    crossed: NDArray[np.int64]
+    if kernels is not None:
+        g = geometry
+        crossed = kernels.walls_crossed(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, a_xy, b_xy)
+        return crossed
     if len(a_xy) == 0:
         return np.zeros(0, np.int64)
     origin = (geometry.x0_m, geometry.y0_m)
@@ -79,7 +85,7 @@ def walls_crossed(
     cells[:, 1::2] = base + minor[:, 1:] * across_stride
     wall = occupied.ravel().take(cells, mode="clip")
     rises = np.count_nonzero(wall[:, 1:] & ~wall[:, :-1], axis=1)
-    crossed: NDArray[np.int64] = rises + wall[:, 0]
+    crossed = rises + wall[:, 0]
     return crossed
 
 
