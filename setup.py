@@ -12,6 +12,7 @@ LEFT_TO_PYTHON = (
     "process.py",  # shells: they wait for messages
     "attendance.py",
     "floor_plan.py",
+    "grid.py",  # travels to child processes by pickle
     "pace.py",
     "stopwatch.py",
 )
