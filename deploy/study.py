@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 ROOT: Final = Path(__file__).resolve().parent.parent
 NEEDED: Final = ("matplotlib", "pyarrow", "zenoh", "pydantic", "rich", "scipy")
 REPORT: Final = "report"
-"""In place of a study: write docs/results.md from what is there."""
+"""In place of a study: write docs/results.md and docs/policies.md from what is there."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -265,7 +265,8 @@ def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, 
 def _report(out: Path | None) -> int:
     from deploy.study_report import write_report
 
-    print(f"written: {write_report(Path('runs') / 'studies', out or ROOT / 'docs')}")
+    for page in write_report(Path("runs") / "studies", out or ROOT / "docs"):
+        print(f"written: {page}")
     return 0
 
 

@@ -47,6 +47,8 @@ class Variant:
     name: Annotated[str, MinLen(1)]
     set: dict[str, Any] = field(default_factory=dict)
     """Scenario keys, dotted or nested."""
+    axes: dict[str, Any] = field(default_factory=dict)
+    """Axes of this variant, in place of the study's of the same name."""
     why: str = ""
     """What this variant shows, for the report."""
 
@@ -65,7 +67,8 @@ class Study:
     set: dict[str, Any] = field(default_factory=dict)
     """Overrides of the scenario for all runs."""
     axes: dict[str, Any] = field(default_factory=dict)
-    """By scenario key: a list of values, or "1..10" for whole numbers. All combinations are run."""
+    """By scenario key: a list of values, or "1..10" for whole numbers. All combinations are run. An axis of tables
+    varies several keys together, under a name of its own: fleet = [{robots = 6, radius_m = 12.0}, ...]."""
     quick: dict[str, Any] = field(default_factory=dict)
     """Axes as `--quick` has them, in place of those above."""
     variant: tuple[Variant, ...] = ()
@@ -116,7 +119,10 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         raise ScenarioError(f"{source}: {error}") from None
     if Path(study.scenario).suffix:
         study = dataclasses.replace(study, scenario=str((path.parent / study.scenario).resolve()))
-    return dataclasses.replace(study, axes=_flat(study.axes) | _flat(study.quick)) if quick else study
+    if not quick:
+        return study
+    variants = tuple(dataclasses.replace(variant, axes={}) for variant in study.variant)
+    return dataclasses.replace(study, axes=_flat(study.axes) | _flat(study.quick), variant=variants)
 
 
 def points_of(study: Study) -> list[Point]:
@@ -140,11 +146,12 @@ def points_of(study: Study) -> list[Point]:
 
 def _combinations(study: Study) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every variant's name with the overrides of each of its runs; the later of set, axes, variant wins."""
-    axes = {key: _values(key, values) for key, values in _flat(study.axes).items()}
     common = _flat(study.set)
     for variant in study.variant or (Variant(BASE),):
-        for values in itertools.product(*axes.values()):
-            settings = {**common, **dict(zip(axes, values, strict=True)), **_flat(variant.set)}
+        axes = _flat(study.axes) | _flat(variant.axes)
+        steps = [_steps(key, values) for key, values in axes.items()]
+        for chosen in itertools.product(*steps):
+            settings = {**common, **dict(itertools.chain(*map(dict.items, chosen))), **_flat(variant.set)}
             if "fault" in settings:
                 settings["fault"] = _faults(settings["fault"])
             yield variant.name, settings
@@ -184,7 +191,7 @@ _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
 
 
 def _check(study: Study) -> None:
-    for table in (study.axes, study.quick):
+    for table in (study.axes, study.quick, *(variant.axes for variant in study.variant)):
         for key, values in _flat(table).items():
             _values(key, values)
     names = [variant.name for variant in study.variant]
@@ -202,6 +209,11 @@ def _values(key: str, given: Any) -> Sequence[Any]:
     if not isinstance(given, list) or not given:
         raise ScenarioError(f'axes.{key} = {given!r}: expected a list of values, or a range such as "1..10"')
     return given
+
+
+def _steps(key: str, given: Any) -> list[dict[str, Any]]:
+    """The settings at each step of an axis."""
+    return [_flat(value) if isinstance(value, Mapping) else {key: value} for value in _values(key, given)]
 
 
 def _faults(given: Any) -> list[Any]:

@@ -463,18 +463,45 @@ def test_claims_without_results_are_not_measured() -> None:
 
 def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
     studies, docs = tmp_path / "studies", tmp_path / "docs"
-    text = write_report(studies, docs).read_text()
-    assert text.count("Not measured yet") == len(study_names())
+    pages = write_report(studies, docs)
+    assert [page.name for page in pages] == ["results.md", "policies.md"]
+    assert sum(page.read_text().count("Not measured yet") for page in pages) == len(study_names())
     results = Results(studies / "fig7")
     for found in fig7_rows():
         results.add(Finished(found, {}))
     results.compact()
     results.note({"command": "deploy/study.py fig7", "wall_s": 120.0, "machine": "one"})
-    text = write_report(studies, docs).read_text()
+    text = write_report(studies, docs)[0].read_text()
     # N = 12 at 20 m: 225 + 2 + 10 * 300 / 12 = 477 s in the middle, against 393 s of the prototype.
     assert "| 12 | 20 | 3 of 3 | 477 ± 1 | 477 ± 2 | 393 ± 117 | 1.21 | yes |" in text
     assert "by `deploy/study.py fig7` in 2 minutes on one" in text
     assert (docs / "results" / "fig7.csv").exists()
+
+
+def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(tmp_path: Path) -> None:
+    results = Results(tmp_path / "studies" / "policies")
+    for k, (variant, time_s) in enumerate((("vds", 400.0), ("scout", 200.0), ("scout at 1 km/h", 300.0))):
+        for seed in (1, 2):
+            found = {**row(9, 20.0, seed, time_s), "variant": variant, "key": f"{k}-{seed}"}
+            results.add(Finished(found, {}))
+    results.compact()
+    text = write_report(tmp_path / "studies", tmp_path / "docs")[1].read_text()
+    assert "| 9 | 20 | 0.50 | 0.75 | 50% |" in text
+
+
+def test_an_axis_of_tables_varies_keys_together_and_a_variant_may_have_its_own_axes(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.toml"
+    path.write_text(
+        'scenario = "three_cells"\nplot = "variants"\n[axes]\nseed = "1..3"\n'
+        "fleet = [{robots = 6, radius_m = 12.0}, {robots = 9, radius_m = 20.0}]\n"
+        '[[variant]]\nname = "all"\n[[variant]]\nname = "one seed"\naxes.seed = [7]\n'
+    )
+    runs = [(point.variant, tomllib.loads(point.toml)) for point in points_of(load_study(str(path)))]
+    found = sorted((variant, run["robots"], run["radius_m"], run["seed"]) for variant, run in runs)
+    pairs = [(6, 12.0), (9, 20.0)]
+    assert found == sorted(
+        [("all", *pair, seed) for pair in pairs for seed in (1, 2, 3)] + [("one seed", *pair, 7) for pair in pairs]
+    )
 
 
 def test_a_row_names_its_variant_and_all_parameters(tmp_path: Path) -> None:
