@@ -39,7 +39,7 @@ def _run(config: RobotConfig, login: Login) -> None:
                 robot = Robot(config, sense.incarnation, sense.tick)
                 robot.mark = member.phases.mark
             frames, motion = robot.step(sense, inbox)
-            member.answer(Transmission(sense.tick, config.node, frames).encode(), motion.encode())
+            member.answer(sense.tick, Transmission(sense.tick, config.node, frames).encode(), motion.encode())
             table = robot.table()
             if table is not None:
                 put_table(table.encode())

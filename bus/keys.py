@@ -38,11 +38,10 @@ class Row:
 
 
 TABLE: Final[Mapping[str, Row]] = MappingProxyType({
-    "sense": Row("@sim/sense/{node}", "put", ("world",), ("node",)),
-    "motion": Row("@sim/motion/{node}", "put", ("node",), ("world",)),
+    "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
     "done": Row("@sim/done", "put", ("medium",), ("world",)),
-    "tx": Row("radio/{node}/tx", "put", ("node",), ("medium",)),
+    "tx": Row("radio/{node}/tx", "put", ("node",), ("medium", "world")),
     "rx": Row("radio/{node}/rx", "put", ("medium",), ("node",)),
     "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
     "phases": Row("@sim/phases/{process}", "put", ("world", "medium", "node"), ("operator",)),
@@ -95,17 +94,13 @@ class Keys:
         fields = {"node": ANY, "process": ANY, "incarnation": ANY} | chunks
         return f"vds/{self.run}/{TABLE[name].pattern.format(**fields)}"
 
-    def sense(self, node: int | str) -> str:
-        """World -> that node: `Sense`, `Stop` or a refusal, each behind a header (`bus.lockstep.seal`)."""
-        return self.key("sense", node=node)
-
-    def motion(self, node: int | str) -> str:
-        """Node -> world: `Motion` of a robot, `Report` of the station, behind a header."""
-        return self.key("motion", node=node)
+    def word(self, node: int | str) -> str:
+        """World -> that node: `Stop` or a refusal, each behind a header (`bus.lockstep.seal`)."""
+        return self.key("word", node=node)
 
     @property
     def positions(self) -> str:
-        """World -> medium: `Positions`, `Departed` or `Stop`, each behind a header."""
+        """World -> medium: `Opening` with the `Positions`, `Departed` or `Stop`, each behind a header."""
         return self.key("positions")
 
     @property
@@ -114,11 +109,13 @@ class Keys:
         return self.key("done")
 
     def tx(self, node: int | str) -> str:
-        """Node -> medium: `Transmission`."""
+        """Node -> medium and world: `Answer` behind a header, with a `Transmission` for the one and a `Motion` (or the
+        station's `Report`) for the other.
+        """
         return self.key("tx", node=node)
 
     def rx(self, node: int | str) -> str:
-        """Medium -> that node: `Inbox`."""
+        """Medium -> that node: `Turn`, with a `Sense` of the world's and an `Inbox`."""
         return self.key("rx", node=node)
 
     def table(self, node: int | str) -> str:
@@ -163,7 +160,7 @@ class Keys:
 
     @staticmethod
     def node_of(key: str) -> int:
-        """The node of a `sense`, `motion`, `table`, `tx` or `rx` key."""
+        """The node of a `word`, `table`, `tx` or `rx` key."""
         chunks = key.split("/")
         return int(chunks[-2] if chunks[2] == "radio" else chunks[-1])
 

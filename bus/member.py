@@ -1,7 +1,7 @@
 """A node's side of the lockstep: a robot and the station keep step with the same few lines.
 
-A turn begins when the node has its sense of a tick and, unless that is its first tick, the inbox of the same tick.
-Whatever else arrives (senses of another process of this node, inboxes of other ticks) is left behind.
+A turn begins when its message is there: the sense of a tick and, unless that is the node's first, the inbox of the same
+tick. Turns of another process of this node are left behind.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Final, Generic, Protocol, TypeVar
 
 from bus.codec import WireError
+from bus.envelopes import Answer, Turn
 from bus.lockstep import Kind, seal, unseal
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
@@ -138,15 +139,13 @@ class Member(Generic[S, I]):
         """Whether a turn has begun: what came before is no part of the ticks."""
         keys = self.session.keys
         self._decode_sense, self._decode_inbox = sense, inbox
-        self._sense_key, self._rx_key = keys.sense(node), keys.rx(node)
-        self._put_motion = self.session.publisher(keys.motion(node), blocking=True)
-        self._put_tx = self.session.publisher(keys.tx(node), blocking=True, last=False)
+        self._word_key, self._rx_key = keys.word(node), keys.rx(node)
+        self._put_tx = self.session.publisher(keys.tx(node), blocking=True)
         self._put_phases = self.session.publisher(keys.phases(login.user), blocking=False)
-        self.session.subscribe(self.mailbox, self._sense_key, self._rx_key)
+        self.session.subscribe(self.mailbox, self._word_key, self._rx_key)
         self._watch = Watch(self.session, self.mailbox, "world", "medium")
         self._token = new_token(role, node)
-        self._sense: S | None = None
-        self._inbox: I | None = None
+        self._turn: tuple[S, I | None] | None = None
         # The token comes last: who sees it may count on everything else.
         self.session.declare(self._token)
 
@@ -171,40 +170,47 @@ class Member(Generic[S, I]):
                 self._put_phases(self.phases.encode())
                 return None
             mark("decode")
-            sense, inbox = self._sense, self._inbox
-            if sense is not None and (sense.first or (inbox is not None and inbox.tick == sense.tick)):
-                self._sense = self._inbox = None
+            turn, self._turn = self._turn, None
+            if turn is not None:
                 self._joined = True
-                if sense.tick % REPORT_TICKS == 0:
+                if turn[0].tick % REPORT_TICKS == 0:
                     self._put_phases(self.phases.encode())
-                return sense, None if sense.first else inbox
+                return turn
 
     def _take(self, key: str, data: bytes | None) -> bool:
         """Take in one message; True if it ends the run."""
         try:
             if key == self._rx_key and data is not None:
-                self._inbox = self._decode_inbox(data)
+                self._begin(Turn.decode(data))
                 return False
-            if key == self._sense_key and data is not None:
-                return self._sealed(data)
+            if key == self._word_key and data is not None:
+                return self._told(data)
         except WireError as error:
             self.drop(key, error)
             return False
         return self._token_changed(key, data)
 
-    def _sealed(self, data: bytes) -> bool:
-        kind, token, body = unseal(data)
-        if kind == Kind.STOP:
-            return True
+    def _begin(self, turn: Turn) -> None:
+        _, token, body = unseal(turn.sense)
         if token != self._token.incarnation:
-            return False
-        if kind == Kind.DATA:
-            self._sense = self._decode_sense(body)
-            if self._sense.first:
-                self._inbox = None
-        elif kind == Kind.REFUSED:
+            return
+        sense = self._decode_sense(body)
+        if sense.first:
+            self._turn = sense, None
+            return
+        if turn.inbox is None:
+            raise WireError("an inbox is missing")
+        inbox = self._decode_inbox(turn.inbox)
+        if inbox.tick != sense.tick:
+            raise WireError(f"an inbox of tick {inbox.tick} in tick {sense.tick}")
+        self._turn = sense, inbox
+
+    def _told(self, data: bytes) -> bool:
+        """Whether the world says that the run is over."""
+        kind, token, _ = unseal(data)
+        if kind == Kind.REFUSED and token == self._token.incarnation:
             raise RefusedError(f"refused: another living process is already {self._token.role} {self._token.node}")
-        return False
+        return kind == Kind.STOP
 
     def _token_changed(self, key: str, data: bytes | None) -> bool:
         lost = self._watch.see(key, data)
@@ -212,7 +218,7 @@ class Member(Generic[S, I]):
             return False
         # A world that ends a run goes at once: its last word may come in after its token has dropped.
         while (message := self.mailbox.get(_LATE_STOP_S)) is not None:
-            if message[0] == self._sense_key and message[1] and unseal(message[1])[0] == Kind.STOP:
+            if message[0] == self._word_key and message[1] and unseal(message[1])[0] == Kind.STOP:
                 return True
         raise LostError(f"{lost} is gone")
 
@@ -222,8 +228,7 @@ class Member(Generic[S, I]):
         if self.dropped == 1:
             log.warning("dropped a malformed message on %s: %s (further ones are only counted)", what, error)
 
-    def answer(self, transmission: bytes, motion: bytes) -> None:
-        """End the turn: the frames go out before the motion, so that who has moved has also spoken."""
-        self._put_tx(transmission)
-        self._put_motion(seal(Kind.DATA, self._token.incarnation, motion))
+    def answer(self, tick: int, transmission: bytes, motion: bytes) -> None:
+        """End the turn."""
+        self._put_tx(seal(Kind.DATA, self._token.incarnation, Answer(tick, transmission, motion).encode()))
         self.phases.mark("encode")

@@ -1,4 +1,6 @@
-"""The radio as a process: hosts the router or joins one, gathers what everybody sends in a tick, hands out inboxes.
+"""The radio as a process: hosts the router or joins one, gathers what everybody sends in a tick, hands out turns.
+
+It passes on unread what the world has each node sense, together with what the node hears.
 
 It has no deadline of its own: it leaves a node out of a tick when the world says so, and only then.
 """
@@ -13,6 +15,7 @@ from typing import Final
 import msgpack
 
 from bus.codec import WireError
+from bus.envelopes import Answer, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
 from bus.member import LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
@@ -60,8 +63,8 @@ class Shell:
         self._mailbox = Mailbox()
         self._positions: Positions | None = None
         self._gather: Gather[Transmission] = Gather(-1, ())
-        self._ahead: dict[int, Transmission] = {}
-        """Transmissions that overtook their tick's positions."""
+        self._inboxes: dict[int, bytes] = {}
+        """For the next tick."""
         self._alive: dict[str, set[str]] = {"world": set(), "station": set(), "robot": set()}
         self._world_seen = False
         self._stopped = False
@@ -130,44 +133,43 @@ class Shell:
         elif kind == Kind.PING:
             self._put_done(b"")
         else:
-            self._begin(Positions.decode(body))
+            self._begin(Opening.decode(body))
 
-    def _begin(self, positions: Positions) -> None:
-        self._positions = positions
+    def _begin(self, opening: Opening) -> None:
+        positions = self._positions = Positions.decode(opening.positions)
         self._gather = Gather(positions.tick, positions.nodes.tolist())
-        for node, transmission in self._ahead.items():
-            if transmission.tick == positions.tick:
-                self._gather.add(node, transmission)
-        self._ahead.clear()
+        self._phases.mark("decode")
+        inboxes, self._inboxes = self._inboxes, {}
+        for node, sense in opening.senses:
+            put = self._put_rx.get(node)
+            if put is None:
+                put = self._put_rx[node] = self._session.publisher(self._session.keys.rx(node), blocking=True)
+            put(Turn(sense, inboxes.get(node)).encode())
+        self._phases.mark("encode")
         self._step_if_complete()
 
     def _transmitted(self, key: str, data: bytes) -> None:
         node = self._nodes.get(key)
         if node is None:
             node = self._nodes[key] = self._session.keys.node_of(key)
+        answer = Answer.decode(unseal(data)[2])
+        if answer.tick != self._gather.tick:
+            return  # of a node that was too late, or of one that the world leaves out just now
         try:
-            transmission = Transmission.decode(data)
-            if transmission.src != node:
+            transmission = Transmission.decode(answer.transmission)
+            if transmission.src != node or transmission.tick != answer.tick:
                 self._core.reject(len(transmission.frames))
-                raise WireError(f"a transmission of node {transmission.src} on the key of node {node}")
-            if transmission.tick > self._gather.tick + 1:
-                raise WireError(f"a transmission of tick {transmission.tick} in tick {self._gather.tick}")
+                raise WireError(
+                    f"a transmission of node {transmission.src} and tick {transmission.tick} "
+                    f"in an answer of node {node} and tick {answer.tick}"
+                )
         except WireError:
-            self._heard_nothing(node)
+            # What it said is of no use and counts as silence: the tick would wait for anything else for ever.
+            transmission = Transmission(answer.tick, node, ())
             raise
-        if transmission.tick == self._gather.tick:
+        finally:
             if self._gather.add(node, transmission):
                 self._step_if_complete()
-        elif transmission.tick > self._gather.tick:
-            self._ahead[node] = transmission
-
-    def _heard_nothing(self, node: int) -> None:
-        """What a node said is of no use: it counts as silence, for the tick would wait for anything else for ever."""
-        tick = self._gather.tick
-        if self._gather.add(node, Transmission(tick, node, ())):
-            self._step_if_complete()
-        else:
-            self._ahead.setdefault(node, Transmission(tick + 1, node, ()))
 
     def _step_if_complete(self) -> None:
         positions = self._positions
@@ -178,13 +180,8 @@ class Shell:
         self._phases.mark("decode")
         inboxes = self._core.step(positions, transmissions)
         self._phases.mark("step")
-        for node, inbox in inboxes.items():
-            put = self._put_rx.get(node)
-            if put is None:
-                key = self._session.keys.rx(node)
-                put = self._put_rx[node] = self._session.publisher(key, blocking=True)
-            put(inbox.encode())
         self._put_done(Done(positions.tick, tuple(transmissions)).encode())
+        self._inboxes = {node: inbox.encode() for node, inbox in inboxes.items()}
         self._phases.mark("encode")
         if positions.tick % REPORT_TICKS == 0:
             self._put_phases(self._phases.encode())

@@ -104,7 +104,7 @@ class Shell:
             frames, report = station.step(sense, inbox)
             member.phases.mark("step")
             self._keep(station.journal())
-            member.answer(Transmission(sense.tick, STATION, frames).encode(), report.encode())
+            member.answer(sense.tick, Transmission(sense.tick, STATION, frames).encode(), report.encode())
             if self._screen is not None:
                 self._screen.show(station)
                 member.phases.mark("recording")

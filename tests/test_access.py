@@ -31,7 +31,7 @@ class Bus:
         self.at_medium, self.at_world, self.at_robot = Mailbox(), Mailbox(), Mailbox()
         keys = self.keys = Keys("access")
         self.medium.subscribe(self.at_medium, keys.tx("*"), keys.positions)
-        self.world.subscribe(self.at_world, keys.motion("*"), keys.done)
+        self.world.subscribe(self.at_world, keys.tx("*"), keys.done)
 
     def login(self, user: str) -> Session:
         session = Session.connect(self.logins[user])
@@ -46,7 +46,8 @@ class Bus:
         key = self.keys.tx(1)
         # Not robot 4 itself: its own session would hand it its own words.
         self.login("robot-1").publisher(key, blocking=True)(b"last")
-        return self.arrives(self.at_medium, key, b"last") and all(m.get(SILENCE_S) is None for m in mailboxes)
+        heard = [self.at_medium, *(m for m in mailboxes if m is self.at_world)]
+        return all(self.arrives(m, key, b"last") for m in heard) and all(m.get(SILENCE_S) is None for m in mailboxes)
 
 
 @pytest.fixture
@@ -59,15 +60,14 @@ def bus() -> Iterator[Bus]:
 
 def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
     keys = bus.keys
-    bus.robot.subscribe(bus.at_robot, keys.sense(4), keys.rx(4))
-    bus.robot.publisher(keys.tx(4), blocking=True)(b"frames")
-    assert bus.arrives(bus.at_medium, keys.tx(4), b"frames")
-    bus.robot.publisher(keys.motion(4), blocking=True)(b"motion")
-    assert bus.arrives(bus.at_world, keys.motion(4), b"motion")
-    bus.world.publisher(keys.sense(4), blocking=True)(b"sense")
-    assert bus.arrives(bus.at_robot, keys.sense(4), b"sense")
-    bus.medium.publisher(keys.rx(4), blocking=True)(b"inbox")
-    assert bus.arrives(bus.at_robot, keys.rx(4), b"inbox")
+    bus.robot.subscribe(bus.at_robot, keys.word(4), keys.rx(4))
+    bus.robot.publisher(keys.tx(4), blocking=True)(b"answer")
+    assert bus.arrives(bus.at_medium, keys.tx(4), b"answer")
+    assert bus.arrives(bus.at_world, keys.tx(4), b"answer")
+    bus.world.publisher(keys.word(4), blocking=True)(b"word")
+    assert bus.arrives(bus.at_robot, keys.word(4), b"word")
+    bus.medium.publisher(keys.rx(4), blocking=True)(b"turn")
+    assert bus.arrives(bus.at_robot, keys.rx(4), b"turn")
     token = new_token("robot", 4)
     tokens = Mailbox()
     bus.world.watch(tokens, keys.alive("robot"))
@@ -77,7 +77,7 @@ def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
 
 def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
     keys = bus.keys
-    for key in (keys.tx(5), keys.tx("*"), keys.motion(5), keys.motion(0), keys.positions, keys.done):
+    for key in (keys.tx(5), keys.tx("*"), keys.tx(0), keys.rx(4), keys.word(4), keys.positions, keys.done):
         if "*" not in key:
             bus.robot.publisher(key, blocking=True)(b"spoof")
         bus.robot._session.put(key, b"spoof")
@@ -90,16 +90,16 @@ def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
 @pytest.mark.parametrize(
     "key",
     [
-        "vds/access/radio/5/rx", "vds/access/radio/*/rx", "vds/access/radio/*/tx", "vds/access/@sim/sense/5",
-        "vds/access/@sim/sense/*", "vds/access/@sim/positions", "vds/access/@sim/feed", "vds/access/@sim/**",
+        "vds/access/radio/5/rx", "vds/access/radio/*/rx", "vds/access/radio/*/tx", "vds/access/@sim/word/5",
+        "vds/access/@sim/word/*", "vds/access/@sim/positions", "vds/access/@sim/feed", "vds/access/@sim/**",
         "vds/access/**", "**",
     ],
 )  # fmt: skip
 def test_robot_cannot_hear_what_is_not_its_own(bus: Bus, key: str) -> None:
     keys = bus.keys
     bus.robot.subscribe(bus.at_robot, key)
-    bus.medium.publisher(keys.rx(5), blocking=True)(b"inbox")
-    for other in (keys.sense(5), keys.positions, keys.feed):
+    bus.medium.publisher(keys.rx(5), blocking=True)(b"turn")
+    for other in (keys.word(5), keys.positions, keys.feed):
         bus.world.publisher(other, blocking=True)(b"truth")
     bus.login("robot-5").publisher(keys.tx(5), blocking=True)(b"frames")
     seen = {bus.at_medium.get(5.0), bus.at_medium.get(5.0)}
@@ -151,9 +151,9 @@ def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> No
     assert access["default_permission"] == "deny"
     by_id = {rule["id"]: rule["key_exprs"] for rule in access["rules"]}
     assert by_id["robot-1 ingress put"] == [
-        "vds/run/@sim/motion/1", "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
+        "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
     ]  # fmt: skip
-    assert by_id["robot-1 egress put"] == ["vds/run/@sim/sense/1", "vds/run/radio/1/rx"]
+    assert by_id["robot-1 egress put"] == ["vds/run/@sim/word/1", "vds/run/radio/1/rx"]
     assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]
     assert all(row.senders and row.receivers for row in TABLE.values())
 
@@ -180,4 +180,4 @@ def test_keys_are_read_back() -> None:
     keys = Keys("run")
     token = new_token("robot", 4)
     assert keys.token_of(keys.token(token)) == token
-    assert [Keys.node_of(k) for k in (keys.tx(4), keys.rx(5), keys.motion(6), keys.sense(0))] == [4, 5, 6, 0]
+    assert [Keys.node_of(k) for k in (keys.tx(4), keys.rx(5), keys.table(6), keys.word(0))] == [4, 5, 6, 0]

@@ -186,9 +186,14 @@ def test_robot_that_talks_nonsense_holds_nobody_up() -> None:
                 turn = member.turn()
                 assert turn is not None
                 tick = turn[0].tick
-                speeches = b"nonsense", Transmission(tick, 1, ()).encode(), Transmission(tick + 9, 3, ()).encode()
+                speeches = (
+                    b"nonsense",
+                    Transmission(tick, 1, ()).encode(),
+                    Transmission(tick + 9, 3, ()).encode(),
+                    Transmission(max(tick - 1, 0), 1, ()).encode(),
+                )
                 status = Status(nms=500) if k == 29 else Status()
-                member.answer(speeches[k % 3], Motion(tick, 0.0, 0.0, status).encode())
+                member.answer(tick, speeches[k % 4], Motion(tick, 0.0, 0.0, status).encode())
             run.until(lambda: run.tick >= 29 and not run.present(3), "robot 3 departed")
             run.ticks(10)
             run.interrupt()

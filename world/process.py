@@ -16,6 +16,7 @@ from typing import Any, Final
 import msgpack
 
 from bus.codec import WireError
+from bus.envelopes import Answer, Opening
 from bus.lockstep import Gather, Kind, Patience, batch, seal, unseal
 from bus.member import LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
@@ -98,7 +99,7 @@ class Shell:
 
     def _open(self) -> None:
         session, keys = self._session, self._session.keys
-        self._put_senses = [session.publisher(keys.sense(node), blocking=True, last=False) for node in self._nodes]
+        self._put_words = [session.publisher(keys.word(node), blocking=True) for node in self._nodes]
         self._put_positions = session.publisher(keys.positions, blocking=True)
         self._put_signal = session.publisher(keys.signal, blocking=True)
         self._put_final = session.publisher(keys.final("world"), blocking=True)
@@ -106,8 +107,8 @@ class Shell:
         self._put_feed = session.publisher(keys.feed, blocking=False)
         self._put_event = session.publisher(keys.event, blocking=False)
         self._done_key = keys.done
-        self._motions = {keys.motion(node): node for node in self._nodes}
-        session.subscribe(self._mailbox, keys.motion("*"), keys.done)
+        self._answers = {keys.tx(node): node for node in self._nodes}
+        session.subscribe(self._mailbox, keys.tx("*"), keys.done)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
         session.answer(keys.control, self._command)
         session.declare(new_token("world"))
@@ -186,14 +187,15 @@ class Shell:
     def _send(self, begin: Begin) -> None:
         self._gather = Gather(begin.tick, begin.senses)
         self._done = None
-        for node, sense in begin.unheard.items():
-            self._put_senses[node](seal(Kind.DATA, self._attendance.token(node), sense.encode()))
+        # A paused process takes its step when it thaws, as one that was stopped at any moment does.
+        senses = [
+            (node, seal(Kind.DATA, self._attendance.token(node), sense.encode()))
+            for node, sense in (*begin.unheard.items(), *begin.senses.items())
+        ]
         for order in begin.signals:
             self._attendance.signalled(order.node, order.verb)
             self._put_signal(order.encode())
-        for node, sense in begin.senses.items():
-            self._put_senses[node](seal(Kind.DATA, self._attendance.token(node), sense.encode()))
-        self._put_positions(seal(Kind.DATA, 0, begin.positions.encode()))
+        self._put_positions(seal(Kind.DATA, 0, Opening(begin.positions.encode(), senses).encode()))
         for node in begin.senses:
             if not self._attendance.token(node):
                 self._leave(node, "died")
@@ -293,9 +295,9 @@ class Shell:
 
     def _take(self, message: Message) -> None:
         key, data = message
-        node = self._motions.get(key)
+        node = self._answers.get(key)
         if node is not None and data is not None:
-            self._moved(node, data)
+            self._answered(node, data)
         elif key == self._done_key and not data:
             self._asked = None
         elif key == self._done_key and data is not None:
@@ -307,13 +309,16 @@ class Shell:
         elif "/alive/" in key:
             self._token_changed(key, present=data is not None)
 
-    def _moved(self, node: int, data: bytes) -> None:
+    def _answered(self, node: int, data: bytes) -> None:
         _, token, body = unseal(data)
         if not self._attendance.seated(node, token):
             if self._attendance.token(node):
                 self._refuse(node, token)
             return
-        message = Report.decode(body) if node == STATION else self._motion(body)
+        answer = Answer.decode(body)
+        message = Report.decode(answer.motion) if node == STATION else self._motion(answer.motion)
+        if message.tick != answer.tick:
+            raise WireError(f"a motion of tick {message.tick} in an answer of tick {answer.tick}")
         if message.tick != self._gather.tick or not self._gather.add(node, message):
             self._attendance.heard(node, token)
 
@@ -347,7 +352,7 @@ class Shell:
         return begun and node in self._gather and node not in self._leaving
 
     def _refuse(self, node: int, token: int) -> None:
-        self._put_senses[node](seal(Kind.REFUSED, token))
+        self._put_words[node](seal(Kind.REFUSED, token))
         self._tell(node, f"a second living process of {_name(node)} was refused")
 
     def _tell(self, node: int, text: str) -> None:
@@ -365,7 +370,7 @@ class Shell:
         self._flush()
         self._put_phases(self._phases.encode())
         word = seal(Kind.STOP, 0, stop.encode())
-        for put in self._put_senses:
+        for put in self._put_words:
             put(word)
         self._put_positions(word)
         final: Mapping[str, Any] = (

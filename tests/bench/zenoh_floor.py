@@ -135,4 +135,4 @@ def _node(pattern: Pattern, login: Login, node: int) -> None:
         while (turn := member.turn()) is not None:
             sense, _ = turn
             frames, motion = core.step(sense)
-            member.answer(Transmission(sense.tick, node, frames).encode(), motion.encode())
+            member.answer(sense.tick, Transmission(sense.tick, node, frames).encode(), motion.encode())
