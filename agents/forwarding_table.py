@@ -139,6 +139,8 @@ class ForwardingTable:
         else:
             for dst, freshness, inherent in ROW.iter_unpack(rows):
                 if dst == sticky:
+                    if not _consistent(freshness):
+                        raise WireError(_BAD_ROW_WORDS)
                     about_sticky = freshness
                     continue
                 # One hop more than the neighbor's own; an infinite metric stays what it is.

@@ -132,11 +132,10 @@ class OwnMap:
             self._changed.append(changed)
             self.version += 1
 
-    def take_changes(self) -> NDArray[np.int64]:
-        """The cells that changed since the last call, in any order, some perhaps twice."""
-        changes = self._changed
-        self._changed = []
-        return np.concatenate(changes) if changes else _NONE
+    def changes(self, since: int) -> tuple[NDArray[np.int64], int]:
+        """The cells that changed, in any order, some perhaps twice, and what to ask with the next time (at first 0)."""
+        new = self._changed[since:]
+        return np.concatenate(new) if new else _NONE, len(self._changed)
 
     def is_frontier(self, index: int) -> bool:
         """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""

@@ -84,6 +84,8 @@ class Planner:
         self._ends: NDArray[np.int32] = np.zeros((0, 8), np.int32)
         self._cost_m: NDArray[np.float64] = np.zeros((0, 8))
         self._version = -1
+        self._seen = 0
+        """Changes of the map that are in the graph."""
 
     def _padded(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         rows, cols = np.divmod(cells, self._cols)
@@ -104,7 +106,7 @@ class Planner:
         if self._version == self._map.version:
             return
         self._version = self._map.version
-        changed = self._map.take_changes()
+        changed, self._seen = self._map.changes(self._seen)
         free = self._map.cells[changed] == FREE
         known = self._node_of[changed] != _NO_NODE
         # Ascending, and each once.

@@ -1,8 +1,8 @@
 """Every key expression of a run, and who puts and who receives on it, in one table.
 
 All keys stand under `vds/{run}/`. Robot ids are chunks of their own (`tx/4`, not `tx-4`). Simulation traffic is
-sealed behind the verbatim chunk `@sim`: a wildcard never matches it, so no radio subscription can overhear the
-truth (Zenoh key expressions, "verbatim chunks").
+sealed behind the verbatim chunk `@sim`: a wildcard never matches it, so no `**` can overhear the truth (Zenoh key
+expressions, "verbatim chunks").
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
     "done": Row("@sim/done", "put", ("medium",), ("world",)),
-    "tx": Row("radio/{node}/tx", "put", ("node",), ("medium", "world")),
-    "rx": Row("radio/{node}/rx", "put", ("medium",), ("node",)),
+    "tx": Row("@sim/tx/{node}", "put", ("node",), ("medium", "world")),
+    "rx": Row("@sim/rx/{node}", "put", ("medium",), ("node",)),
     "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
     "phases": Row("@sim/phases/{process}", "put", ("world", "medium", "node"), ("operator",)),
     "event": Row("@sim/event", "put", ("world", "medium", "station"), ("station", "operator")),
@@ -161,8 +161,7 @@ class Keys:
     @staticmethod
     def node_of(key: str) -> int:
         """The node of a `word`, `table`, `tx` or `rx` key."""
-        chunks = key.split("/")
-        return int(chunks[-2] if chunks[2] == "radio" else chunks[-1])
+        return int(key.rpartition("/")[2])
 
     @staticmethod
     def token_of(key: str) -> Token:

@@ -3,8 +3,8 @@
 A tick is a barrier: everybody in its roster sends exactly one message, or departs. That is a synchronous dataflow
 network, so the order in which messages arrive cannot matter (Lee & Messerschmitt 1987).
 
-Lockstep messages under `@sim` carry a header: what kind of message it is, and to or from which process of a node,
-since the old and the new process of a restarted robot share its keys.
+What the world says and what a node answers carries a header: what kind of message it is, and to or from which process
+of a node, since the old and the new process of a restarted robot share its keys.
 """
 
 from __future__ import annotations
@@ -112,6 +112,10 @@ class Gather(Generic[T]):
     def depart(self, node: int) -> None:
         """Wait for `node` no longer; a message that it already sent stays."""
         self.missing.discard(node)
+
+    def keep(self, node: int, message: T) -> None:
+        """Take the message of a node that has departed, if others may have counted it."""
+        self._messages.setdefault(node, message)
 
     @property
     def messages(self) -> dict[int, T]:

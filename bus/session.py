@@ -161,17 +161,16 @@ class Session:
             config = host_config(login.run, login.endpoint, users, file)
             return cls(_open(config, f"can't host a router at {login.endpoint}"), login)
 
-    def publisher(self, key: str, *, blocking: bool, last: bool = True) -> Put:
+    def publisher(self, key: str, *, blocking: bool) -> Put:
         """Declare a publisher.
 
         Args:
             key: full key, no wildcards.
-            blocking: wait when the receiver is slow (lockstep messages); otherwise drop.
-            last: of a burst: whatever was put before goes out with it at once. What is put on any other publisher
-                may wait for company, up to a millisecond.
+            blocking: a lockstep message: goes out at once, and waits when the receiver is slow. Others may wait for
+                company, up to a millisecond, and are dropped when the receiver is slow.
         """
         control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
-        publisher = self._session.declare_publisher(key, congestion_control=control, express=blocking and last)
+        publisher = self._session.declare_publisher(key, congestion_control=control, express=blocking)
         self._kept.append(publisher)
         return publisher.put
 

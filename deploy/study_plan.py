@@ -49,6 +49,8 @@ class Variant:
     """Scenario keys, dotted or nested."""
     axes: dict[str, Any] = field(default_factory=dict)
     """Axes of this variant, in place of the study's of the same name."""
+    against: str | None = None
+    """Variant that the report compares this one with: the study's first unless said, none if empty."""
     why: str = ""
     """What this variant shows, for the report."""
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from deploy.scenario import load
 from deploy.study_claims import Verdict, fig6_claims, fig7_claims
-from deploy.study_plan import BASE, Study, load_study
+from deploy.study_plan import BASE, Study, Variant, load_study, points_of
 from deploy.study_reference import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
 from deploy.study_statistics import ALL, Bounds, bounds_of, estimate, kept, usable
 from deploy.study_table import Results, Row, Series
@@ -94,10 +94,9 @@ def _page(path: Path, head: str, names: Sequence[str], studies: Path) -> Path:
             lines += [f"Not measured yet: `deploy/study.py {name}`.", ""]
             continue
         lines += _origin(found)
-        for path in (studies / name / f"{name}.png", studies / name / f"{name}.svg", studies / name / "results.csv"):
-            if path.exists():
-                target = f"{name}.csv" if path.suffix == ".csv" else path.name
-                shutil.copyfile(path, pictures / target)
+        for file in (studies / name / f"{name}.png", studies / name / f"{name}.svg", studies / name / "results.csv"):
+            if file.exists():
+                shutil.copyfile(file, pictures / (f"{name}.csv" if file.suffix == ".csv" else file.name))
         lines += [f"![{study.title or name}](results/{name}.png)", ""]
         lines += writers.get(name, _variants)(found)
     path.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
@@ -108,8 +107,9 @@ def _find(study: Study, folder: Path) -> _Found | None:
     if not (folder / "results.parquet").exists():
         return None
     results = Results(folder)
-    bounds = bounds_of(load(study.scenario))
-    return _Found(study, results.rows(), results.series(), bounds, results.noted())
+    planned = {point.key for point in points_of(study)}
+    rows = [row for row in results.rows() if row["key"] in planned]
+    return _Found(study, rows, results.series(), bounds_of(load(study.scenario)), results.noted())
 
 
 def _origin(found: _Found) -> list[str]:
@@ -194,27 +194,33 @@ def _fig7_line(rows: Sequence[Row], robots: int, radius_m: float) -> str:
 
 def _variants(found: _Found) -> list[str]:
     lines = [
-        "| variant | N | r_t (m) | finished | search time (s) | to the first | connected | what it shows |",
-        "|---|---|---|---|---|---|---|---|",
+        "| variant | N | r_t (m) | finished | search time (s) | ratio | to | connected | what it shows |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     rows = usable(found.rows)
-    names = {variant.name: variant.why for variant in found.study.variant} or {BASE: ""}
+    variants = found.study.variant or (Variant(BASE),)
     for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in rows}):
-        first_s: float | None = None
-        for name, why in names.items():
-            here = [r for r in rows if (r["variant"], r["robots"], r["radius_m"]) == (name, robots, radius_m)]
-            if not here:
+        of_fleet = [row for row in rows if (row["robots"], row["radius_m"]) == (robots, radius_m)]
+        times = {v.name: {r["seed"]: r[ALL] for r in of_fleet if r["variant"] == v.name} for v in variants}
+        for variant in variants:
+            by_seed = times[variant.name]
+            if not by_seed:
                 continue
-            times = [row[ALL] for row in here if row[ALL] is not None]
-            mean_s = estimate(times).mean
-            first_s = mean_s if first_s is None else first_s
-            ratio = f"{mean_s / first_s:.2f}" if times and first_s == first_s else ""
-            connected = estimate(row["connected_fraction"] for row in here).mean
+            finished = [time_s for time_s in by_seed.values() if time_s is not None]
+            other = variants[0].name if variant.against is None else variant.against
+            ratio = _ratio(by_seed, times.get(other, {}))
+            connected = estimate(row["connected_fraction"] for row in of_fleet if row["variant"] == variant.name).mean
             lines.append(
-                f"| {name} | {robots} | {radius_m:g} | {len(times)} of {len(here)} | {_shown(times)} | {ratio} | "
-                f"{connected:.0%} | {why} |"
+                f"| {variant.name} | {robots} | {radius_m:g} | {len(finished)} of {len(by_seed)} | {_shown(finished)} "
+                f"| {ratio} | {other if ratio else ''} | {connected:.0%} | {variant.why} |"
             )
-    return [*lines, "", "Times and ratios are those of the runs that finished.", ""]
+    return [*lines, "", "Times are those of the runs that finished, ratios those of the seeds that both finished.", ""]
+
+
+def _ratio(times: Mapping[int, float | None], others: Mapping[int, float | None]) -> str:
+    """Mean of one variant over that of another, on the seeds that both finished."""
+    pairs = [(a, b) for seed, a in times.items() if a is not None and (b := others.get(seed)) is not None]
+    return f"{sum(a for a, _ in pairs) / sum(b for _, b in pairs):.2f}" if pairs and times is not others else ""
 
 
 def _policies(found: _Found) -> list[str]:

@@ -107,7 +107,7 @@ def code_version() -> str:
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parent.parent
     for package in ("world", "medium", "agents", "monitor_station"):
-        for path in sorted((root / package).glob("*.py")):
+        for path in sorted((root / package).glob("*.py*")):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 

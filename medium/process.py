@@ -155,18 +155,14 @@ class Shell:
         answer = Answer.decode(unseal(data)[2])
         if answer.tick != self._gather.tick:
             return  # of a node that was too late, or of one that the world leaves out just now
+        # What is of no use counts as silence: the tick would wait for anything else for ever.
+        transmission = Transmission(answer.tick, node, ())
         try:
-            transmission = Transmission.decode(answer.transmission)
-            if transmission.src != node or transmission.tick != answer.tick:
-                self._core.reject(len(transmission.frames))
-                raise WireError(
-                    f"a transmission of node {transmission.src} and tick {transmission.tick} "
-                    f"in an answer of node {node} and tick {answer.tick}"
-                )
-        except WireError:
-            # What it said is of no use and counts as silence: the tick would wait for anything else for ever.
-            transmission = Transmission(answer.tick, node, ())
-            raise
+            said = Transmission.decode(answer.transmission)
+            if said.src != node or said.tick != answer.tick:
+                self._core.reject(len(said.frames))
+                raise WireError(f"frames of node {said.src} in tick {said.tick}, where node {node} is in {answer.tick}")
+            transmission = said
         finally:
             if self._gather.add(node, transmission):
                 self._step_if_complete()

@@ -2,7 +2,8 @@
 """Whole missions against what the procedure promises, too long for the test suite: `make acceptance`.
 
 Prints a section of Markdown each, with what was asked, what came out, and a verdict; exit status 1 if any fails.
-`python tests/acceptance.py missions digests` runs those only; `--seeds 2` is a quick look.
+`python tests/acceptance.py missions digests` runs those only; `--seeds 2` is a quick look at the first four.
+The sections on policies judge studies, which have seeds of their own and go on where they were interrupted.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ sys.path.insert(0, str(ROOT))
 
 from deploy.scenario import load  # noqa: E402 - found by the line above
 from deploy.simulation import Simulation  # noqa: E402
+from deploy.study_plan import load_study, points_of  # noqa: E402
+from deploy.study_run import code_version  # noqa: E402
 from deploy.study_statistics import ALL  # noqa: E402
 from deploy.study_table import Results  # noqa: E402
 
@@ -118,6 +121,29 @@ def digests(seeds: int) -> Iterator[str | bool]:
     yield fast >= 10.0
 
 
+def compiled(_: int) -> Iterator[str | bool]:
+    """The compiled form has the same traces, ten seeds of two minutes."""
+    yield "## Compiled or not\n"
+    subprocess.run(["make", "-s", "compiled"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    plain, fast = (traces(root) for root in (ROOT, ROOT / "build/compiled"))
+    same = sum(a == b for a, b in zip(plain, fast, strict=True))
+    yield f"The same digest for {same} of {len(plain)} seeds of N = 9, r_t = 20 m, 120 s each: "
+    yield f"{verdict(same == len(plain))}.\n"
+    yield same == len(plain)
+
+
+def traces(root: Path) -> list[str]:
+    """Digests of ten seeds, by the program at `root`."""
+    script = """
+from deploy.scenario import load
+from deploy.simulation import Simulation
+for seed in range(1, 11):
+    print(Simulation(load("three_cells", {"seed": seed, "duration_s": 120.0})).run().trace_sha256)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=root, check=True, capture_output=True, text=True)
+    return done.stdout.split()
+
+
 def in_processes(*options: str) -> dict[str, Any]:
     """The summary of a run of real processes."""
     with tempfile.TemporaryDirectory() as folder:
@@ -135,11 +161,19 @@ def cell(robots: int, radius_m: float, seeds: int, **more: Any) -> list[Outcome]
 Rows = list[dict[str, Any]]
 
 
-def study(name: str, seeds: int) -> Rows:
-    """Rows of a study, which is run as far as it has not been yet."""
-    subprocess.run([sys.executable, str(ROOT / "deploy/study.py"), name], check=True, stdout=subprocess.DEVNULL)
-    rows = Results(ROOT / "runs/studies" / name).rows()
-    return [row for row in rows if row["seed"] <= seeds]
+def study(name: str) -> Rows:
+    """Rows of a study as it is planned now, run as far as it has not been yet; what failed finished nothing.
+
+    Raises:
+        RuntimeError: a row comes from other code.
+    """
+    subprocess.run([sys.executable, str(ROOT / "deploy/study.py"), name], cwd=ROOT, stdout=subprocess.DEVNULL)
+    rows = {row["key"]: row for row in Results(ROOT / "runs/studies" / name).rows()}
+    planned = [rows[point.key] for point in points_of(load_study(name))]
+    other = sum(row["code"] != code_version() for row in planned)
+    if other:
+        raise RuntimeError(f"{other} rows in runs/studies/{name} come from other code: remove that folder")
+    return planned
 
 
 def fleets(rows: Rows) -> Iterator[tuple[int, float, dict[str, Rows]]]:
@@ -150,18 +184,18 @@ def fleets(rows: Rows) -> Iterator[tuple[int, float, dict[str, Rows]]]:
 
 
 def search_times(rows: Rows) -> list[float]:
-    return [row[ALL] for row in rows if row[ALL] is not None]
+    return [row[ALL] for row in rows if row.get(ALL) is not None]
 
 
 def finished(rows: Rows) -> str:
     return f"{spread(search_times(rows))}, {len(search_times(rows))} of {len(rows)}"
 
 
-def policies_disk(seeds: int) -> Iterator[str | bool]:
+def policies_disk(_: int) -> Iterator[str | bool]:
     """On disk, scout needs at most 0.75 of vds in four cells."""
     yield "## Policy `scout` against the paper's rules, disk\n"
     yield "| N / r_t | vds | scout | scout, walking at 1 km/h | ratio | ratio at 1 km/h |\n|---|---|---|---|---|---|\n"
-    for robots, radius, by in fleets(study("policies", seeds)):
+    for robots, radius, by in fleets(study("policies")):
         names = ("vds", "scout", "scout at 1 km/h")
         means = [statistics.fmean(search_times(by[name]) or [math.nan]) for name in names]
         yield f"| {robots} / {radius:g} | " + " | ".join(finished(by[name]) for name in names)
@@ -170,11 +204,11 @@ def policies_disk(seeds: int) -> Iterator[str | bool]:
     yield "\nSearch time, and how many finished within 3,000 s. At most 0.75 asked of the first ratio.\n"
 
 
-def policies_walls(seeds: int) -> Iterator[str | bool]:
+def policies_walls(_: int) -> Iterator[str | bool]:
     """Behind walls scout finishes in (nearly) all seeds."""
     yield "## Policy `scout` behind walls\n"
     yield "| N / r_t | disk_los | log_distance, n = 2.2, 18 dB a wall |\n|---|---|---|\n"
-    for robots, radius, by in fleets(study("policies_walls", seeds)):
+    for robots, radius, by in fleets(study("policies_walls")):
         blocked, faded = by["scout, walls block"], by["scout, 18 dB a wall"]
         yield f"| {robots} / {radius:g} | {finished(blocked)} | {finished(faded)} |\n"
         share = 0.95 if (robots, radius) == (6, 20.0) else 1.0
@@ -183,11 +217,11 @@ def policies_walls(seeds: int) -> Iterator[str | bool]:
     yield "\nAsked: all with disk_los (19 of 20 at 6 / 20), 19 of 20 with log_distance.\n"
 
 
-def policies_trouble(seeds: int) -> Iterator[str | bool]:
+def policies_trouble(_: int) -> Iterator[str | bool]:
     """Loss, shadowing, a misjudged wall and a dead relay, N = 12, r_t = 15 m behind walls."""
     yield "## Policy `scout` in trouble: N = 12, r_t = 15 m, behind walls\n"
     yield "| trouble | search time, finished (18 of 20 asked) | last orphan back (90 s asked) |\n|---|---|---|\n"
-    for _, _, by in fleets(study("policies_trouble", seeds)):
+    for _, _, by in fleets(study("policies_trouble")):
         for name, rows in sorted(by.items()):
             recoveries = [r for row in rows for r in json.loads(row["recoveries"])]
             back = [r["recovered_s"] for r in recoveries if r["orphaned"]]
@@ -233,6 +267,7 @@ SECTIONS: dict[str, Callable[[int], Iterator[str | bool]]] = {
     "missions": missions,
     "digests": digests,
     "dead_relay": dead_relay,
+    "compiled": compiled,
     "policies_disk": policies_disk,
     "policies_walls": policies_walls,
     "policies_trouble": policies_trouble,

@@ -90,7 +90,7 @@ def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
 @pytest.mark.parametrize(
     "key",
     [
-        "vds/access/radio/5/rx", "vds/access/radio/*/rx", "vds/access/radio/*/tx", "vds/access/@sim/word/5",
+        "vds/access/@sim/rx/5", "vds/access/@sim/rx/*", "vds/access/@sim/tx/*", "vds/access/@sim/word/5",
         "vds/access/@sim/word/*", "vds/access/@sim/positions", "vds/access/@sim/feed", "vds/access/@sim/**",
         "vds/access/**", "**",
     ],
@@ -151,9 +151,9 @@ def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> No
     assert access["default_permission"] == "deny"
     by_id = {rule["id"]: rule["key_exprs"] for rule in access["rules"]}
     assert by_id["robot-1 ingress put"] == [
-        "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/radio/1/tx",
+        "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/@sim/tx/1",
     ]  # fmt: skip
-    assert by_id["robot-1 egress put"] == ["vds/run/@sim/word/1", "vds/run/radio/1/rx"]
+    assert by_id["robot-1 egress put"] == ["vds/run/@sim/rx/1", "vds/run/@sim/word/1"]
     assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]
     assert all(row.senders and row.receivers for row in TABLE.values())
 

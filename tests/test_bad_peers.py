@@ -70,6 +70,25 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     assert robot.bad_frames + robot.body.router.bad_frames > 0
 
 
+@pytest.mark.parametrize(
+    ("freshness", "nms", "bad"),
+    [
+        pytest.param((2**56 - 1) * 256 + 200, NOBODY, 1, id="odd number, finite metric"),
+        pytest.param(2**64 - 256, NOBODY, 0, id="highest number, infinite"),
+        pytest.param(2**64 - 257, 2, 0, id="highest even number, which breaks to the highest"),
+    ],
+)
+def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int, nms: int, bad: int) -> None:
+    robot = Robot(load("three_cells").robot_config(1), 0, 0)
+    rows = ROW.pack(2, freshness_of(0, 0), bytes(18)) + ROW.pack(STATION, freshness, bytes(18))
+    heard = Reception(2, -60.0, Update(STATION, NOBODY, 0, rows, b"").encode())
+    for tick in range(LAST_TICK):
+        robot.step(Sense(tick, tick == 0, 0, 28.0, 35.0), Inbox(tick, (heard,) if tick == 1 else ()) if tick else None)
+        if tick == 1:
+            assert (robot.body.router.ms.nms, robot.body.router.bad_frames) == (nms, bad)
+    robot.body.router.table.check_invariants()
+
+
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:

@@ -73,10 +73,9 @@ def scout() -> Scout:
     """A scout in a walled corridor that it knows: free for y < 5, wall from 5 to 6, free beyond."""
     config = load("three_cells", {"policy": "scout", "radio.model": "disk_los"}).robot_config(1)
     body = Body(config, random.Random(1), 0)
-    grid = body.map.cells.reshape(config.geometry.rows, config.geometry.cols)
-    grid[:] = FREE
+    grid = np.full((config.geometry.rows, config.geometry.cols), FREE, np.int8)
     grid[10:12, :40] = OCCUPIED
-    body.map.version += 1
+    body.map.apply(np.arange(grid.size, dtype=np.uint32), grid.ravel())
     body.at = (1.0, 1.0)
     body.router.table.set_inherent(2, Cls.RR, (15.0, 1.0), (0.0, 0.0))
     body.router.table.set_inherent(3, Cls.RR, (1.0, 8.0), (0.0, 0.0))

@@ -461,17 +461,29 @@ def test_claims_without_results_are_not_measured() -> None:
     assert {verdict.word for verdict in fig7_claims([], BOUNDS) + fig6_claims([], {}, None)} == {"not measured"}
 
 
+def as_planned(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of a synthetic table with the keys that a study gives such runs; the report leaves others out."""
+    runs = [(point, tomllib.loads(point.toml)) for point in points_of(load_study(name))]
+    keys = {(point.variant, run["robots"], run["radius_m"], run["seed"]): point.key for point, run in runs}
+    return [{**r, "key": keys[r["variant"], r["robots"], r["radius_m"], r["seed"]]} for r in rows]
+
+
 def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
     studies, docs = tmp_path / "studies", tmp_path / "docs"
     pages = write_report(studies, docs)
     assert [page.name for page in pages] == ["results.md", "policies.md"]
     assert sum(page.read_text().count("Not measured yet") for page in pages) == len(study_names())
     results = Results(studies / "fig7")
-    for found in fig7_rows():
+    for found in as_planned("fig7", fig7_rows()):
         results.add(Finished(found, {}))
+    superseded = {**row(12, 20.0, 11, 9999.0), "key": "of-a-former-plan"}
+    results.add(Finished(superseded, {}))
     results.compact()
     results.note({"command": "deploy/study.py fig7", "wall_s": 120.0, "machine": "one"})
-    text = write_report(studies, docs)[0].read_text()
+    table = (studies / "fig7" / "results.csv").read_text()
+    write_report(studies, docs)
+    assert (studies / "fig7" / "results.csv").read_text() == table
+    text = (docs / "results.md").read_text()
     # N = 12 at 20 m: 225 + 2 + 10 * 300 / 12 = 477 s in the middle, against 393 s of the prototype.
     assert "| 12 | 20 | 3 of 3 | 477 ± 1 | 477 ± 2 | 393 ± 117 | 1.21 | yes |" in text
     assert "by `deploy/study.py fig7` in 2 minutes on one" in text
@@ -480,12 +492,13 @@ def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
 
 def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(tmp_path: Path) -> None:
     results = Results(tmp_path / "studies" / "policies")
-    for k, (variant, time_s) in enumerate((("vds", 400.0), ("scout", 200.0), ("scout at 1 km/h", 300.0))):
-        for seed in (1, 2):
-            found = {**row(9, 20.0, seed, time_s), "variant": variant, "key": f"{k}-{seed}"}
-            results.add(Finished(found, {}))
+    means_s = {"vds": 400.0, "scout": 200.0, "scout at 1 km/h": 300.0}
+    rows = [row(9, 20.0, seed, time_s, variant=v) for v, time_s in means_s.items() for seed in (1, 2)]
+    for found in as_planned("policies", rows):
+        results.add(Finished(found, {}))
     results.compact()
-    text = write_report(tmp_path / "studies", tmp_path / "docs")[1].read_text()
+    write_report(tmp_path / "studies", tmp_path / "docs")
+    text = (tmp_path / "docs" / "policies.md").read_text()
     assert "| 9 | 20 | 0.50 | 0.75 | 50% |" in text
 
 

@@ -1,7 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Compiled forms of the few loops that take most of a tick; built by `make compiled`, and used where they are there.
 
-Each gives the same bits as the Python beside it (tests/test_kernels.py): the same operations on the same doubles in the
+Each gives the same bits as the Python beside it (tests/test_compiled.py): the same operations on the same doubles in the
 same order, never fused (-ffp-contract=off).
 """
 
@@ -232,6 +232,8 @@ def merge(
             freshness |= <uint64_t>raw[2 + byte] << 8 * byte
         raw += ROW
         if dst == sticky:
+            if (not freshness & 256) != (freshness & 255 > 0):
+                return -2
             about_sticky = freshness
             continue
         offered = freshness - 1 if freshness & 255 else freshness

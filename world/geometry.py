@@ -47,15 +47,18 @@ def walls_crossed(
         (n,) counts, exactly the same when a and b are swapped.
     """
     crossed: NDArray[np.int64]
+    starts, ends = np.asarray(a_xy, np.float64), np.asarray(b_xy, np.float64)
+    if starts.shape != ends.shape:
+        raise ValueError(f"segments from {len(starts)} to {len(ends)} places")
     if kernels is not None:
         g = geometry
-        crossed = kernels.walls_crossed(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, a_xy, b_xy)
+        crossed = kernels.walls_crossed(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, starts, ends)
         return crossed
-    if len(a_xy) == 0:
+    if len(starts) == 0:
         return np.zeros(0, np.int64)
     origin = (geometry.x0_m, geometry.y0_m)
-    a = (np.asarray(a_xy, np.float64) - origin) / geometry.resolution_m
-    b = (np.asarray(b_xy, np.float64) - origin) / geometry.resolution_m
+    a = (starts - origin) / geometry.resolution_m
+    b = (ends - origin) / geometry.resolution_m
     span = np.abs(b - a)
     steep = span[:, 1] > span[:, 0]
     a[steep] = a[steep, ::-1]

@@ -270,7 +270,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """The medium has sent every inbox of `tick` + 1."""
+    """The medium has worked out who hears what of `tick`."""
 
     tick: int
     counted: tuple[int, ...]

@@ -319,6 +319,9 @@ class Shell:
         message = Report.decode(answer.motion) if node == STATION else self._motion(answer.motion)
         if message.tick != answer.tick:
             raise WireError(f"a motion of tick {message.tick} in an answer of tick {answer.tick}")
+        if message.tick == self._gather.tick and node in self._leaving:
+            # Given up a moment too early: the medium may have heard this before it knew.
+            self._gather.keep(node, message)
         if message.tick != self._gather.tick or not self._gather.add(node, message):
             self._attendance.heard(node, token)
 
