@@ -57,10 +57,11 @@ class LocalPool:
         self._open()
 
     def close(self) -> None:
-        # Workers go when the pipe does: a shutdown alone would wait for runs of minutes.
+        # Workers go when the pipe does: a shutdown alone would wait for runs of minutes. Without waiting at all, the
+        # executor's own thread and the end of the interpreter get in each other's way.
         self._lifeline.close()
         self._held.close()
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        self._executor.shutdown(cancel_futures=True)
 
     def _open(self) -> None:
         self._held, self._lifeline = self._context.Pipe(duplex=False)
