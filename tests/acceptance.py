@@ -121,6 +121,19 @@ def digests(seeds: int) -> Iterator[str | bool]:
     yield fast >= 10.0
 
 
+def figure_7(_: int) -> Iterator[str | bool]:
+    """Twenty runs of Fig. 7, chosen at random, give the same rows as real processes."""
+    yield "## Fig. 7, twenty runs as real processes\n"
+    study("fig7")
+    command = [sys.executable, str(ROOT / "deploy/study.py"), "fig7", "--processes", "--sample", "20"]
+    done = subprocess.run(
+        [*command, "--compare", "runs/studies/fig7"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    yield "Every column but wall times, against the rows of one process: "
+    yield f"{(done.stdout.splitlines() or ['nothing'])[-1]}: {verdict(done.returncode == 0)}.\n"
+    yield done.returncode == 0
+
+
 def compiled(_: int) -> Iterator[str | bool]:
     """The compiled form has the same traces, ten seeds of two minutes."""
     yield "## Compiled or not\n"
@@ -268,6 +281,7 @@ SECTIONS: dict[str, Callable[[int], Iterator[str | bool]]] = {
     "digests": digests,
     "dead_relay": dead_relay,
     "compiled": compiled,
+    "figure_7": figure_7,
     "policies_disk": policies_disk,
     "policies_walls": policies_walls,
     "policies_trouble": policies_trouble,
