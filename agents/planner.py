@@ -83,7 +83,6 @@ class Planner:
         self._cells: NDArray[np.int64] = np.zeros(0, np.int64)
         self._ends: NDArray[np.int32] = np.zeros((0, 8), np.int32)
         self._cost_m: NDArray[np.float64] = np.zeros((0, 8))
-        self._version = -1
         self._seen = 0
         """Changes of the map that are in the graph."""
 
@@ -102,11 +101,10 @@ class Planner:
         return ordered
 
     def _update(self) -> None:
-        """Bring the graph up to the map's version."""
-        if self._version == self._map.version:
-            return
-        self._version = self._map.version
+        """Bring the graph up to date with the map."""
         changed, self._seen = self._map.changes(self._seen)
+        if not changed.size:
+            return
         free = self._map.cells[changed] == FREE
         known = self._node_of[changed] != _NO_NODE
         # Ascending, and each once.

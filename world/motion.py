@@ -44,9 +44,9 @@ def move(
             step_y *= top_speed_m_s / speed
         to_x, to_y = x + step_x, y + step_y
         # By the same arithmetic as `_cells`.
-        if math.floor((x - x0_m) / resolution_m) != math.floor((to_x - x0_m) / resolution_m) or math.floor(
-            (y - y0_m) / resolution_m
-        ) != math.floor((to_y - y0_m) / resolution_m):
+        here = math.floor((x - x0_m) / resolution_m), math.floor((y - y0_m) / resolution_m)
+        there = math.floor((to_x - x0_m) / resolution_m), math.floor((to_y - y0_m) / resolution_m)
+        if here != there:
             leaving.append(k)
         steps.append((step_x, step_y))
         places.append((to_x, to_y))
