@@ -32,6 +32,17 @@ class Bus:
         keys = self.keys = Keys("access")
         self.medium.subscribe(self.at_medium, keys.tx("*"), keys.positions)
         self.world.subscribe(self.at_world, keys.tx("*"), keys.done)
+        self.tokens_of_world = Mailbox()
+        self.medium.watch(self.tokens_of_world, keys.alive("world"))
+        self.world_is_known()
+
+    def world_is_known(self) -> None:
+        """The router has taken what the world declared: one session's declarations are taken in their order, so a
+        token declared last comes out last. A put of another session may overtake declarations.
+        """
+        token = new_token("world")
+        self.world.declare(token)
+        assert self.arrives(self.tokens_of_world, self.keys.token(token), b"")
 
     def login(self, user: str) -> Session:
         session = Session.connect(self.logins[user])
@@ -110,6 +121,7 @@ def test_robot_cannot_hear_what_is_not_its_own(bus: Bus, key: str) -> None:
 def test_robot_cannot_command_the_world_but_the_operator_can(bus: Bus) -> None:
     control = bus.keys.control
     bus.world.answer(control, str.upper)
+    bus.world_is_known()
     with pytest.raises(BusError):
         bus.robot.ask(control, "hold", timeout_s=SILENCE_S)
     assert bus.login("operator").ask(control, "hold") == "HOLD"
