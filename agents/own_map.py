@@ -21,7 +21,6 @@ _INTO_WALL_M: Final = 1e-9
 
 _ENDS: Final = np.array([0.0, 1.0])
 _NONE: Final = np.zeros(0, np.int64)
-_OUTSIDE: Final = np.array([UNKNOWN], np.int8)
 
 
 class OwnMap:
@@ -164,24 +163,20 @@ class OwnMap:
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
         """Every cell on a segment is known free."""
-        return bool((self._along(x0_m, y0_m, x1_m, y1_m) == FREE).all())
+        return self.obstacles(x0_m, y0_m, x1_m, y1_m) == 0
 
     def obstacles(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> int:
-        """Contiguous runs of cells on a segment that are not known to be free."""
-        solid = self._along(x0_m, y0_m, x1_m, y1_m) != FREE
-        return int(solid[0]) + int(np.count_nonzero(solid[1:] & ~solid[:-1]))
+        """Contiguous runs of cells on a segment that are not known to be free; all that is outside counts as one.
 
-    def _along(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> NDArray[np.int8]:
-        """The cells on a segment, in order: between two crossings of grid lines lies one cell."""
+        Between two crossings of grid lines lies one cell.
+        """
         g = self.geometry
         u0, v0 = (x0_m - g.x0_m) / g.resolution_m, (y0_m - g.y0_m) / g.resolution_m
         du, dv = (x1_m - x0_m) / g.resolution_m, (y1_m - y0_m) / g.resolution_m
         if not (0.0 <= u0 + du < g.cols and 0.0 <= v0 + dv < g.rows):
-            return _OUTSIDE  # a peer may say that it is anywhere
-        values: NDArray[np.int8]
+            return 1  # a peer may say that it is anywhere
         if kernels is not None:
-            values = self.cells[kernels.on_segment(g.cols, u0, v0, du, dv)]
-            return values
+            return int(kernels.obstacles(self.cells, g.cols, u0, v0, du, dv))
         u_lines = np.arange(math.floor(min(u0, u0 + du)) + 1, math.ceil(max(u0, u0 + du)))
         v_lines = np.arange(math.floor(min(v0, v0 + dv)) + 1, math.ceil(max(v0, v0 + dv)))
         parts = [_ENDS]
@@ -193,5 +188,5 @@ class OwnMap:
         t.sort()
         middle = 0.5 * (t[1:] + t[:-1])
         cols, rows = (u0 + middle * du).astype(np.int64), (v0 + middle * dv).astype(np.int64)
-        values = self.cells[rows * g.cols + cols]
-        return values
+        solid = self.cells[rows * g.cols + cols] != FREE
+        return int(solid[0]) + int(np.count_nonzero(solid[1:] & ~solid[:-1]))

@@ -181,18 +181,15 @@ def hit(
     return out[:found]
 
 
-def on_segment(
-    Py_ssize_t cols, double u0, double v0, double du, double dv
-):
-    """agents.own_map.OwnMap._along: flat indices (int64) of the cells on a segment, in order; in units of cells."""
+def obstacles(const signed char[::1] cells, Py_ssize_t cols, double u0, double v0, double du, double dv):
+    """agents.own_map.OwnMap.obstacles: runs of cells on a segment that are not free; in units of cells."""
     cdef double u1 = u0 + du, v1 = v0 + dv
     cdef double u_low = floor(min(u0, u1)) + 1.0, v_low = floor(min(v0, v1)) + 1.0
     cdef Py_ssize_t u_lines = max(0, <Py_ssize_t>(ceil(max(u0, u1)) - u_low))
     cdef Py_ssize_t v_lines = max(0, <Py_ssize_t>(ceil(max(v0, v1)) - v_low))
-    cdef Py_ssize_t i = 0, j = 0, k
+    cdef Py_ssize_t i = 0, j = 0, k, runs = 0
     cdef double before = 0.0, t, t_u, t_v, middle
-    out = np.empty(u_lines + v_lines + 1, np.int64)
-    cdef int64_t[::1] cells = out
+    cdef bint solid, in_run = False
     # Crossings of either axis come in order; merging them sorts all.
     for k in range(u_lines + v_lines + 1):
         t_u = 2.0
@@ -210,9 +207,11 @@ def on_segment(
         else:
             t = 1.0
         middle = 0.5 * (t + before)
-        cells[k] = <int64_t>(v0 + middle * dv) * cols + <int64_t>(u0 + middle * du)
+        solid = cells[<Py_ssize_t>(v0 + middle * dv) * cols + <Py_ssize_t>(u0 + middle * du)] != 0
+        runs += solid and not in_run
+        in_run = solid
         before = t
-    return out
+    return runs
 
 
 def merge(
