@@ -115,9 +115,8 @@ class MsRoute:
     def _probe(self, tick: int, rng: random.Random) -> None:
         """Rule b."""
         near_m = self._rules.adopt_share * self.r_in_m
-        potential = [n for n in self._offers(tick, near_m) if n.node != self.nms and n.ms_hop <= self.hops + 1]
-        if self.leaving is not None:
-            potential = [n for n in potential if self.leaving(n.node)]
+        offers = self._lasting(self._offers(tick, near_m))
+        potential = [n for n in offers if n.node != self.nms and n.ms_hop <= self.hops + 1]
         if not potential:
             return
         if tick > self._frozen_until and rng.random() < self._rules.probe_probability:
@@ -127,10 +126,15 @@ class MsRoute:
             passed = [n for n in potential if n.ms_seqno > seqno]
             self._adopt(min(passed, key=lambda n: (n.ms_hop, n.distance_m), default=None))
 
+    def _lasting(self, offers: list[Neighbor]) -> list[Neighbor]:
+        """Those that stay near where the robot wants to go. What rule b left must not come back by rule c at once."""
+        return offers if self.leaving is None else [n for n in offers if self.leaving(n.node)]
+
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
         seqno = self._seqno
-        offers = [n for n in self._offers(tick, self._shortcut_m) if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
+        near = self._lasting(self._offers(tick, self._shortcut_m))
+        offers = [n for n in near if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
         if self.predicted_m is not None:
             offers = [n for n in offers if self.predicted_m(n.node) <= self._shortcut_m]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

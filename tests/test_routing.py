@@ -127,6 +127,26 @@ def update_of(router: Router, nms: int) -> bytes:
     return Update(nms, NOBODY, 0, router.table.advertised(), b"").encode()
 
 
+def test_who_leaves_its_nms_for_a_neighbor_is_not_led_straight_back_by_the_shorter_way() -> None:
+    """Three at the end of a chain: 3 can't take 1 along to where it wants to go, but 2 beside it."""
+    field = Field(4, random.Random(5))
+    field.places = {0: (0.0, 0.0), 1: (9.0, 0.0), 2: (14.0, 0.0), 3: (14.0, 0.5)}
+    for _ in range(20):
+        field.step()
+    assert field.path_to_ms(3) == [3, 1, 0]
+    field.routers[3].ms.leaving = lambda node: node == 2
+    seen = []
+    for _ in range(60):
+        field.step()
+        seen.append(field.next_hop(3, STATION))
+    changed = seen.index(2)
+    assert set(seen[changed:]) == {2}
+    assert field.path_to_ms(3) == [3, 2, 1, 0]
+    field.routers[3].ms.leaving = None
+    field.step()
+    assert field.path_to_ms(3) == [3, 1, 0], "and by rule c when nothing keeps it from there"
+
+
 def test_equal_hop_counts_do_not_flap() -> None:
     """Two neighbors offer the same: whoever was taken first stays."""
     rng = random.Random(0)
