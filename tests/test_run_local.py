@@ -210,8 +210,12 @@ def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callabl
 
 
 @pytest.mark.processes
-def test_the_same_run_in_one_process_has_the_same_digest(start: Callable[..., Running]) -> None:
-    many, one = (start("--robots", 3, "--duration", 20, "--no-recording", *more) for more in ([], ["--in-process"]))
+@pytest.mark.parametrize("options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los")])
+def test_the_same_run_in_one_process_has_the_same_digest(
+    start: Callable[..., Running], options: tuple[object, ...]
+) -> None:
+    of_all = ("--robots", 3, "--duration", 20, "--no-recording", *options)
+    many, one = (start(*of_all, *more) for more in ([], ["--in-process"]))
     assert many.ended(90)[0] == one.ended(90)[0] == 0
     for key in ("trace_sha256", "status", "ticks", "search_rate", "connected_fraction", "scan_reports", "frames"):
         assert many.summary()[key] == one.summary()[key], key
