@@ -21,7 +21,7 @@ from deploy.study_table import Results, Row, Series
 __all__ = ["write_report"]
 
 RESULTS: Final = ("fig6", "fig7", "fig7_relay_killed", "ablations", "radio")
-POLICIES: Final = ("policies", "policies_walls", "policies_trouble", "policies_plans")
+POLICIES: Final = ("policies", "policies_walls", "policies_trouble", "policies_plans", "policies_limits")
 
 _HEAD: Final = """\
 # Results
