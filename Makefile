@@ -6,7 +6,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled acceptance chaos study clean
 
 setup: $(STAMP)
 
@@ -40,6 +40,9 @@ compiled: setup
 # Longer measurements.
 bench: setup
 	$(BIN)/python -m tests.bench $(ARGS)
+
+bench-compiled: compiled
+	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m tests.bench $(ARGS)
 
 acceptance: setup
 	$(BIN)/python tests/acceptance.py $(ARGS) | tee docs/acceptance.md

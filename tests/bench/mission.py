@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+import deploy
 from deploy.scenario import load
 from deploy.simulation import Observer, Simulation
 from tests.bench.meter import Meter
@@ -22,7 +23,8 @@ from world.messages import TICK_S, Snapshot
 
 __all__ = ["Degree", "machine", "mission", "simulated"]
 
-ROOT: Final = Path(__file__).resolve().parent.parent.parent
+ROOT: Final = Path(deploy.__file__).resolve().parent.parent
+"""Of the form of the program that is measured: the sources, or `build/compiled`."""
 
 
 def mission(scenario: str, robots: int, simulated_s: float, *, recording: bool, seed: int = 1) -> Row:
