@@ -5,6 +5,7 @@ Each claim of the paper's text is judged by a function of the tables; where ther
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from deploy.scenario import load
 from deploy.study_claims import Verdict, fig6_claims, fig7_claims
 from deploy.study_plan import BASE, Study, Variant, load_study, points_of
 from deploy.study_reference import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
-from deploy.study_statistics import ALL, Bounds, bounds_of, estimate, kept, usable
+from deploy.study_statistics import ALL, Bounds, bounds_of, estimate, kept, ratio, usable
 from deploy.study_table import Results, Row, Series
 
 __all__ = ["write_report"]
@@ -46,9 +47,10 @@ walls: a neighbor that is silent counts as far away. `scout` (`agents/scout.py`)
 predict, from their own maps, where walls will stop the radio, call for help when their chain is too short, and hurry
 where nothing is to be seen. **Part of its gain is walking faster**: it walks at 2 km/h, which the paper keeps for
 tracing other robots. So where the two are compared there are two numbers for `scout`, one of them at the paper's 1
-km/h. Intervals are 95 % confidence intervals of the mean (Student's t). Here scans count as soon as they arrive, even
-if their robot was cut off meanwhile (`store_and_forward = true`); the paper's figures ([results.md](results.md))
-discard those.
+km/h. Intervals are 95 % confidence intervals of the mean (Student's t), of ratios those of the ratio of two means over
+the same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
+"walls block, no rule A"). Here scans count as soon as they arrive, even if their robot was cut off meanwhile
+(`store_and_forward = true`); the paper's figures discard those.
 """
 
 _WITHIN: Final = """\
@@ -139,10 +141,10 @@ def _fig6(found: _Found) -> list[str]:
         for i, cell in enumerate(("1", "2")):
             times = [row[f"search_time_s.{cell}"] for row in left if row[f"search_time_s.{cell}"] is not None]
             ours, theirs = estimate(times), PROTOTYPE_FIG6_S.get(robots)
-            ratio = f"{ours.mean / theirs[i]:.2f}" if theirs and times else ""
+            relative = f"{ours.mean / theirs[i]:.2f}" if theirs and times else ""
             lines.append(
                 f"| {robots} | {len(left)} of {len(of_fleet)} | {cell} | {len(times)} of {len(left)} "
-                f"| {_shown(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {ratio} |"
+                f"| {_shown(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {relative} |"
             )
     return [*lines, "", _discard_words(found.study), ""]
 
@@ -179,16 +181,16 @@ def _fig7_line(rows: Sequence[Row], robots: int, radius_m: float) -> str:
     ours, key = estimate(times), (robots, radius_m)
     theirs = PROTOTYPE_FIG7_S.get(key)
     reference = f"{theirs[0]:.0f} ± {theirs[1]:.0f}" if theirs else "none finished" if key in PROTOTYPE_FIG7_S else "-"
-    ratio = within = ""
+    relative = within = ""
     if theirs and times:
-        ratio = f"{ours.mean / theirs[0]:.2f}"
+        relative = f"{ours.mean / theirs[0]:.2f}"
         within = "yes" if abs(ours.mean - theirs[0]) <= theirs[1] else "no"
     elif key in PROTOTYPE_FIG7_S:
         within = "yes" if not times and not theirs else "no"
     spread = f"{ours.mean:.0f} ± {ours.sd:.0f}" if times else "-"
     return (
         f"| {robots} | {radius_m:g} | {len(times)} of {len(here)} | {spread} | {_shown(times)} | {reference} | "
-        f"{ratio} | {within} |"
+        f"{relative} | {within} |"
     )
 
 
@@ -201,26 +203,38 @@ def _variants(found: _Found) -> list[str]:
     variants = found.study.variant or (Variant(BASE),)
     for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in rows}):
         of_fleet = [row for row in rows if (row["robots"], row["radius_m"]) == (robots, radius_m)]
-        times = {v.name: {r["seed"]: r[ALL] for r in of_fleet if r["variant"] == v.name} for v in variants}
+        times = {v.name: _times(of_fleet, v.name, robots, radius_m) for v in variants}
         for variant in variants:
             by_seed = times[variant.name]
             if not by_seed:
                 continue
             finished = [time_s for time_s in by_seed.values() if time_s is not None]
             other = variants[0].name if variant.against is None else variant.against
-            ratio = _ratio(by_seed, times.get(other, {}))
+            relative = _ratio(by_seed, times.get(other, {}))
             connected = estimate(row["connected_fraction"] for row in of_fleet if row["variant"] == variant.name).mean
             lines.append(
                 f"| {variant.name} | {robots} | {radius_m:g} | {len(finished)} of {len(by_seed)} | {_shown(finished)} "
-                f"| {ratio} | {other if ratio else ''} | {connected:.0%} | {variant.why} |"
+                f"| {relative} | {other if relative else ''} | {connected:.0%} | {variant.why} |"
             )
     return [*lines, "", "Times are those of the runs that finished, ratios those of the seeds that both finished.", ""]
 
 
-def _ratio(times: Mapping[int, float | None], others: Mapping[int, float | None]) -> str:
-    """Mean of one variant over that of another, on the seeds that both finished."""
+Times = Mapping[int, float | None]
+"""Search time by seed; None for a run that did not finish."""
+
+
+def _ratio(times: Times, others: Times) -> str:
+    """Mean of one variant over that of another, on the seeds that both finished; empty without any."""
     pairs = [(a, b) for seed, a in times.items() if a is not None and (b := others.get(seed)) is not None]
-    return f"{sum(a for a, _ in pairs) / sum(b for _, b in pairs):.2f}" if pairs and times is not others else ""
+    if not pairs or times is others:
+        return ""
+    found = ratio(pairs)
+    return f"{found.mean:.2f}" if found.n == 1 else f"{found.mean:.2f} ± {found.half_width:.2f}"
+
+
+def _times(rows: Sequence[Row], variant: str, robots: int, radius_m: float) -> dict[int, float | None]:
+    fleet = variant, robots, radius_m
+    return {row["seed"]: row[ALL] for row in rows if (row["variant"], row["robots"], row["radius_m"]) == fleet}
 
 
 def _policies(found: _Found) -> list[str]:
@@ -231,18 +245,17 @@ def _policies(found: _Found) -> list[str]:
     ]
     rows = usable(found.rows)
     for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in rows}):
-        mean_s = {
-            name: estimate(
-                row[ALL]
-                for row in rows
-                if (row["variant"], row["robots"], row["radius_m"]) == (name, robots, radius_m) and row[ALL] is not None
-            ).mean
-            for name in ("vds", "scout", "scout at 1 km/h")
-        }
-        fast, slow = mean_s["scout"] / mean_s["vds"], mean_s["scout at 1 km/h"] / mean_s["vds"]
-        share = f"{(slow - fast) / (1.0 - fast):.0%}" if fast < 1.0 else "-"
-        lines.append(f"| {robots} | {radius_m:g} | {fast:.2f} | {slow:.2f} | {share} |")
-    return [*lines, "", *_variants(found)]
+        vds, scout, slow = (_times(rows, name, robots, radius_m) for name in ("vds", "scout", "scout at 1 km/h"))
+        share = _share(vds, scout, slow)
+        lines.append(f"| {robots} | {radius_m:g} | {_ratio(scout, vds)} | {_ratio(slow, vds)} | {share} |")
+    return [*lines, "", "The share is of the seeds that all three finished.", "", *_variants(found)]
+
+
+def _share(vds: Times, scout: Times, slow: Times) -> str:
+    """Share of the gain of scout over vds that is lost when it walks as slowly."""
+    seeds = [s for s in vds if all(times.get(s) is not None for times in (vds, scout, slow))]
+    base_s, fast_s, slow_s = (math.fsum(times[s] or 0.0 for s in seeds) for times in (vds, scout, slow))
+    return f"{(slow_s - fast_s) / (base_s - fast_s):.0%}" if fast_s < base_s else "-"
 
 
 def _shown(times: Sequence[float]) -> str:

@@ -23,7 +23,8 @@ from deploy.study_run import ERROR
 from world.geometry import walls_crossed
 
 __all__ = [
-    "ALL", "Band", "Bounds", "Estimate", "bounds_of", "estimate", "goes_first", "kept", "mean_rates", "usable",
+    "ALL", "Band", "Bounds", "Estimate", "bounds_of", "estimate", "goes_first", "kept", "mean_rates", "ratio",
+    "usable",
 ]  # fmt: skip
 
 ALL: Final = "search_time_s.all"
@@ -102,6 +103,18 @@ def estimate(values: Iterable[float], confidence: float = 0.95) -> Estimate:
     sd = float(sample.std(ddof=1))
     quantile = float(student_t.ppf(0.5 + confidence / 2, n - 1))
     return Estimate(n, float(sample.mean()), quantile * sd / math.sqrt(n), sd)
+
+
+def ratio(pairs: Sequence[tuple[float, float]]) -> Estimate:
+    """Ratio of two means over the same runs, with its 95 % interval (Cochran, Sampling Techniques, 6.3).
+
+    Args:
+        pairs: (numerator, denominator) of each run; at least one.
+    """
+    above, below = np.array(pairs, np.float64).T
+    found = float(above.mean() / below.mean())
+    spread = estimate((above - found * below) / below.mean())
+    return Estimate(spread.n, found, spread.half_width, spread.sd)
 
 
 def usable(rows: Iterable[Row]) -> list[Row]:

@@ -126,18 +126,21 @@ def digests(seeds: int) -> Iterator[str | bool]:
 
 
 def pace(_: int) -> Iterator[str | bool]:
-    """In processes scout is at most 15 % slower than vds."""
+    """In processes scout is at most 15 % slower than vds, where it has no walls to think of and where it has."""
     yield "## Real-time factor of `scout`\n"
-    factors: dict[str, list[float]] = {"vds": [], "scout": []}
-    for _round in range(5):
-        for policy, measured in factors.items():
-            summary = in_processes("--no-recording", "--duration", "100", "--policy", policy)
-            measured.append(float(summary["real_time_factor"]))
-    ratio = statistics.median(factors["scout"]) / statistics.median(factors["vds"])
-    shown = "; ".join(f"`{name}` " + ", ".join(f"{f:.1f}" for f in each) for name, each in factors.items())
-    yield f"N = 9, r_t = 20 m, disk, 100 s as real processes, in turn: {shown}. Ratio of the medians {ratio:.2f} "
-    yield f"(at least 0.85 asked): {verdict(ratio >= 0.85)}.\n"
-    yield ratio >= 0.85
+    yield "| N = 9, r_t = 20 m, 100 s as real processes, in turn | vds | scout | ratio of the medians | |\n"
+    yield "|---|---|---|---|---|\n"
+    for model in ("disk", "disk_los"):
+        factors: dict[str, list[float]] = {"vds": [], "scout": []}
+        for _round in range(5):
+            for policy, measured in factors.items():
+                options = ("--no-recording", "--duration", "100", "--policy", policy, f"--set=radio.model={model}")
+                measured.append(float(in_processes(*options)["real_time_factor"]))
+        ratio = statistics.median(factors["scout"]) / statistics.median(factors["vds"])
+        shown = " | ".join(", ".join(f"{factor:.1f}" for factor in each) for each in factors.values())
+        yield f"| {model} | {shown} | {ratio:.2f} | {verdict(ratio >= 0.85)} |\n"
+        yield ratio >= 0.85
+    yield "\nAt least 0.85 asked.\n"
 
 
 def figure_7(_: int) -> Iterator[str | bool]:
@@ -224,44 +227,58 @@ def finished(rows: Rows) -> str:
 
 
 def policies_disk(_: int) -> Iterator[str | bool]:
-    """On disk, scout needs at most 0.75 of vds in four cells."""
+    """On disk, scout needs at most 0.75 of vds in four cells, and always finishes."""
     yield "## Policy `scout` against the paper's rules, disk\n"
-    yield "| N / r_t | vds | scout | scout, walking at 1 km/h | ratio | ratio at 1 km/h |\n|---|---|---|---|---|---|\n"
+    yield "| N / r_t | vds | scout | scout, walking at 1 km/h | ratio | ratio at 1 km/h | |\n"
+    yield "|---|---|---|---|---|---|---|\n"
     for robots, radius, by in fleets(study("policies")):
         names = ("vds", "scout", "scout at 1 km/h")
         means = [statistics.fmean(search_times(by[name]) or [math.nan]) for name in names]
+        ok = means[1] / means[0] <= 0.75 and len(search_times(by["scout"])) == len(by["scout"])
         yield f"| {robots} / {radius:g} | " + " | ".join(finished(by[name]) for name in names)
-        yield f" | {means[1] / means[0]:.2f} | {means[2] / means[0]:.2f} |\n"
-        yield means[1] / means[0] <= 0.75
-    yield "\nSearch time, and how many finished within 3,000 s. At most 0.75 asked of the first ratio.\n"
+        yield f" | {means[1] / means[0]:.2f} | {means[2] / means[0]:.2f} | {verdict(ok)} |\n"
+        yield ok
+    yield "\nSearch time, and how many finished within 3,000 s. Asked: a first ratio of at most 0.75, all of `scout`.\n"
 
 
 def policies_walls(_: int) -> Iterator[str | bool]:
     """Behind walls scout finishes in (nearly) all seeds."""
     yield "## Policy `scout` behind walls\n"
-    yield "| N / r_t | disk_los | log_distance, n = 2.2, 18 dB a wall |\n|---|---|---|\n"
+    yield "| N / r_t | disk_los | | log_distance, n = 2.2, 18 dB a wall | |\n|---|---|---|---|---|\n"
     for robots, radius, by in fleets(study("policies_walls")):
-        blocked, faded = by["scout, walls block"], by["scout, 18 dB a wall"]
-        yield f"| {robots} / {radius:g} | {finished(blocked)} | {finished(faded)} |\n"
-        share = 0.95 if (robots, radius) == (6, 20.0) else 1.0
-        yield len(search_times(blocked)) >= share * len(blocked)
-        yield len(search_times(faded)) >= 0.95 * len(faded)
+        asked = {"scout, walls block": 0.95 if (robots, radius) == (6, 20.0) else 1.0, "scout, 18 dB a wall": 0.95}
+        yield f"| {robots} / {radius:g} "
+        for name, share in asked.items():
+            ok = len(search_times(by[name])) >= share * len(by[name])
+            yield f"| {finished(by[name])} | {verdict(ok)} "
+            yield ok
+        yield "|\n"
     yield "\nAsked: all with disk_los (19 of 20 at 6 / 20), 19 of 20 with log_distance.\n"
 
 
 def policies_trouble(_: int) -> Iterator[str | bool]:
     """Loss, shadowing, a misjudged wall and a dead relay, N = 12, r_t = 15 m behind walls."""
     yield "## Policy `scout` in trouble: N = 12, r_t = 15 m, behind walls\n"
-    yield "| trouble | search time, finished (18 of 20 asked) | last orphan back (90 s asked) |\n|---|---|---|\n"
+    yield "| trouble | search time, finished | | seeds with an orphan | last orphan back | |\n"
+    yield "|---|---|---|---|---|---|\n"
     for _, _, by in fleets(study("policies_trouble")):
         for name, rows in sorted(by.items()):
-            recoveries = [r for row in rows for r in json.loads(row["recoveries"])]
-            back = [r["recovered_s"] for r in recoveries if r["orphaned"]]
-            last = "-" if not back else "never" if None in back else f"{max(back):.1f} s"
-            yield f"| {name} | {finished(rows)} | {last} |\n"
-            yield len(search_times(rows)) >= 0.9 * len(rows)
-            yield None not in back and max(back, default=0.0) <= 90.0
-    yield "\n"
+            ok = len(search_times(rows)) >= 0.9 * len(rows)
+            yield f"| {name} | {finished(rows)} | {verdict(ok)} "
+            yield ok
+            orphaned = [
+                [r["recovered_s"] for r in json.loads(row.get("recoveries") or "[]") if r["orphaned"]] for row in rows
+            ]
+            back = [recovered_s for seed in orphaned for recovered_s in seed]
+            seeds = sum(bool(seed) for seed in orphaned)
+            if "killed" not in name:
+                yield "| | | |\n"
+                continue
+            healed = bool(back) and None not in back and max(back) <= 90.0
+            last = "none" if not back else "never" if None in back else f"{max(back):.1f} s"
+            yield f"| {seeds} of {len(rows)} | {last} | {verdict(healed)} |\n"
+            yield healed
+    yield "\nAsked: 18 of 20 finish, and the last orphan is back within 90 s.\n"
 
 
 ORPHAN_RADII_M = (20.0, 18.0, 15.0, 12.0)

@@ -28,7 +28,7 @@ from deploy.study_plan import Discard, Point, Study, Variant, load_study, points
 from deploy.study_plots import draw
 from deploy.study_report import write_report
 from deploy.study_run import ERROR, Finished, run_point
-from deploy.study_statistics import Bounds, bounds_of, estimate, goes_first, kept, mean_rates
+from deploy.study_statistics import Bounds, bounds_of, estimate, goes_first, kept, mean_rates, ratio
 from deploy.study_table import Results, differences
 
 BOUNDS = Bounds(60.0, 8.0, 1 / 3.6, 0.8)
@@ -340,6 +340,11 @@ def test_the_confidence_interval_is_students() -> None:
     # t(0.975, 4) = 2.7764, s = sqrt(2.5)
     assert found.half_width == pytest.approx(2.77645 * math.sqrt(2.5) / math.sqrt(5), rel=1e-5)
     assert estimate([]).n == 0
+    # Twice as much in every run is certain; what varies with the runs alone does not widen the interval.
+    assert (ratio([(2.0, 1.0), (6.0, 3.0)]).mean, ratio([(2.0, 1.0), (6.0, 3.0)]).half_width) == (2.0, 0.0)
+    unlike = ratio([(1.0, 1.0), (1.0, 3.0), (4.0, 2.0)])
+    assert unlike.mean == 1.0
+    assert unlike.half_width == pytest.approx(4.303 * 2.0 / math.sqrt(3.0) / 2.0, rel=1e-3)
     assert math.isnan(estimate([7.0]).half_width)
 
 
@@ -499,7 +504,7 @@ def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_t
     results.compact()
     write_report(tmp_path / "studies", tmp_path / "docs")
     text = (tmp_path / "docs" / "policies.md").read_text()
-    assert "| 9 | 20 | 0.50 | 0.75 | 50% |" in text
+    assert "| 9 | 20 | 0.50 ± 0.00 | 0.75 ± 0.00 | 50% |" in text
 
 
 def test_an_axis_of_tables_varies_keys_together_and_a_variant_may_have_its_own_axes(tmp_path: Path) -> None:
