@@ -232,7 +232,7 @@ def _ratio(times: Times, others: Times) -> str:
     return f"{found.mean:.2f}" if found.n == 1 else f"{found.mean:.2f} ± {found.half_width:.2f}"
 
 
-def _times(rows: Sequence[Row], variant: str, robots: int, radius_m: float) -> dict[int, float | None]:
+def _times(rows: Sequence[Mapping[str, Any]], variant: str, robots: int, radius_m: float) -> dict[int, float | None]:
     fleet = variant, robots, radius_m
     return {row["seed"]: row[ALL] for row in rows if (row["variant"], row["robots"], row["radius_m"]) == fleet}
 
