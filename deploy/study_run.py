@@ -103,12 +103,13 @@ def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
 
 @functools.cache
 def code_version() -> str:
-    """Digest of the modules that decide a run's result, as they are on this machine."""
+    """Digest of the modules that decide a run's result, as they are on this machine; compiled or not, it is the same."""
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parent.parent
     for package in ("world", "medium", "agents", "monitor_station"):
         for path in sorted((root / package).glob("*.py*")):
-            digest.update(path.read_bytes())
+            if path.suffix != ".pyx":  # gives the same bits, and does not come along with what is compiled
+                digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
