@@ -103,7 +103,7 @@ def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
 
 @functools.cache
 def code_version() -> str:
-    """Digest of the modules that decide a run's result, as they are on this machine; compiled or not, it is the same."""
+    """Digest of the modules that decide a run's result, as they are on this machine: the same when compiled."""
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parent.parent
     for package in ("world", "medium", "agents", "monitor_station"):
