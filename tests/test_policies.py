@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-import random
 
 import numpy as np
 import pytest
 
-from agents.body import Body
 from agents.policies import PolicyError, policy_class
 from agents.scout import Scout
 from agents.vds import Vds
 from deploy.scenario import ScenarioError, load
 from deploy.simulation import Simulation
-from world.grid import FREE, OCCUPIED
-from world.messages import Cls
 
 QUICK = {"robots": 4, "duration_s": 20.0}
 
@@ -66,38 +62,6 @@ def test_the_radio_model_is_part_of_a_robots_configuration(model: str, factor: f
     assert load("three_cells", {"radio.model": model}).robot_config(1).wall_factor == pytest.approx(factor)
     halved = load("three_cells", {"radio.model": model, "rules.scouting.wall_loss_db": 9.0}).robot_config(1).wall_factor
     assert halved == pytest.approx({"log_distance": 10 ** (9 / 30)}.get(model, factor))
-
-
-@pytest.fixture
-def scout() -> Scout:
-    """A scout in a walled corridor that it knows: free for y < 5, wall from 5 to 6, free beyond."""
-    config = load("three_cells", {"policy": "scout", "radio.model": "disk_los"}).robot_config(1)
-    body = Body(config, random.Random(1), 0)
-    grid = np.full((config.geometry.rows, config.geometry.cols), FREE, np.int8)
-    grid[10:12, :40] = OCCUPIED
-    body.map.apply(np.arange(grid.size, dtype=np.uint32), grid.ravel())
-    body.at = (1.0, 1.0)
-    body.router.table.set_inherent(2, Cls.RR, (15.0, 1.0), (0.0, 0.0))
-    body.router.table.set_inherent(3, Cls.RR, (1.0, 8.0), (0.0, 0.0))
-    return Scout(body)
-
-
-def test_a_wall_puts_a_neighbor_out_of_predicted_reach(scout: Scout) -> None:
-    assert scout.predicted_m((1.0, 1.0), 2) == pytest.approx(14.0)
-    assert scout.predicted_m((1.0, 1.0), 3) == math.inf
-
-
-def test_need_grows_slowly_and_falls_fast(scout: Scout) -> None:
-    for _ in range(49):
-        scout._count(stopped=True)
-    assert not scout.need
-    scout._count(stopped=True)
-    assert scout.need
-    for _ in range(100):
-        scout._count(stopped=True)
-    for _ in range(5):
-        scout._count(stopped=False)
-    assert not scout.need, "from 70 down by 5 a tick"
 
 
 @pytest.mark.parametrize("switch", ["predict", "shield", "hurry", "recruit", "wait", "stretch"])

@@ -14,6 +14,7 @@ from agents.forwarding_table import freshness_of
 from agents.scout import Scout
 from agents.vds import STILL
 from deploy.scenario import load
+from tests.routing_field import power_dbm
 from world.grid import FREE, OCCUPIED
 from world.messages import STATION, TICK_S, Cls, Mode
 
@@ -49,9 +50,7 @@ class Stage:
         body, table = self.body, self.body.router.table
         table.set_inherent(node, cls, at, target, need=more.pop("need", False))
         table.set_route(node, freshness_of(2, 1), node)
-        config = body.config
-        power = config.tx_power_dbm - config.loss_1m_db - 10.0 * config.exponent * math.log10(math.dist(body.at, at))
-        neighbor = body.router.neighbors.hear(node, body.tick, power)
+        neighbor = body.router.neighbors.hear(node, body.tick, power_dbm(math.dist(body.at, at)))
         for name, value in more.items():
             setattr(neighbor, name, value)
 
@@ -81,6 +80,28 @@ def assert_walks_west(velocity: tuple[float, float]) -> None:
 def targets_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything is known here, so no target is a frontier; what is tested is the way to one."""
     monkeypatch.setattr("agents.explorer.Explorer.done", lambda *_: False)
+
+
+def test_a_wall_puts_a_neighbor_out_of_predicted_reach() -> None:
+    stage = Stage()
+    stage.other(2, (15.0, 1.0), cls=Cls.RR)
+    stage.other(3, (1.0, 8.0), cls=Cls.RR)
+    assert stage.scout.predicted_m((1.0, 1.0), 2) == pytest.approx(14.0)
+    assert stage.scout.predicted_m((1.0, 1.0), 3) == math.inf
+
+
+def test_need_grows_slowly_and_falls_fast() -> None:
+    scout = Stage().scout
+    for _ in range(49):
+        scout._count(stopped=True)
+    assert not scout.need
+    scout._count(stopped=True)
+    assert scout.need
+    for _ in range(100):
+        scout._count(stopped=True)
+    for _ in range(5):
+        scout._count(stopped=False)
+    assert not scout.need, "from 70 down by 5 a tick"
 
 
 @pytest.mark.parametrize("on", [True, False])
