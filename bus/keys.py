@@ -54,6 +54,7 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "medium": Row("alive/medium/{node}/{incarnation}", "token", ("medium",), ("world", "node", "operator")),
     "station": Row("alive/station/{node}/{incarnation}", "token", ("station",), ("world", "medium", "operator")),
     "robot": Row("alive/robot/{node}/{incarnation}", "token", ("robot",), ("world", "medium", "operator")),
+    "operator": Row("alive/operator/{node}/{incarnation}", "token", ("operator",), ("medium",)),
 })  # fmt: skip
 """What each message is: the methods of `Keys`."""
 
@@ -64,7 +65,7 @@ class Token:
 
     role: str
     node: int
-    """Node id; 0 for world, medium and station."""
+    """Node id; 0 for all that are no robot."""
     incarnation: int
     """Random for each process start, so that a second process never shares a key with the first."""
 

@@ -27,7 +27,7 @@ from bus.keys import check_run
 from bus.lockstep import unbatch
 from bus.member import LOST_STATUS
 from bus.phases import decode_phases
-from bus.session import BusError, Mailbox, Session
+from bus.session import BusError, Mailbox, Session, new_token
 from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
 from deploy.operator_file import OPERATOR, write_operator
 from deploy.run_folder import RunFolder
@@ -113,6 +113,8 @@ class Launcher:
         self._supervisor: Supervisor | None = None
         self._mail: deque[tuple[str, bytes]] = deque()
         self._finals: dict[str, dict[str, Any]] = {}
+        self._owed = {"world", "medium"}
+        """Those whose final counts are still to come if the run ends well."""
         self._failures: list[str] = []
         self._lost: str | None = None
         self._asked_to_stop = 0
@@ -143,6 +145,8 @@ class Launcher:
                 if session is not None:
                     write_operator(self._folder.path, self._logins["operator"])
                     pump = _Pump(session, self._mail, self._supervisor.wake)
+                    # The medium, which hosts the router, stays until this token drops.
+                    session.declare(new_token("operator"))
                     # The world waits for every robot, so with the last one nothing is told before somebody listens.
                     self._start_node(self._supervisor, self._scenario.robots)
                     self._show_pids(self._supervisor)
@@ -216,6 +220,8 @@ class Launcher:
             self._take_mail()
             if self._asked_to_stop > self._seen_stop:
                 self._stop_asked(session)
+            if not self._owed and supervisor.pids.keys() == {"medium"}:
+                session.close()
 
     def _stop_asked(self, session: Session) -> None:
         self._seen_stop = self._asked_to_stop
@@ -236,6 +242,8 @@ class Launcher:
         # Those that were lost for want of another come after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
             if expected or end.code == 0:
+                if end.name == role_name(STATION) and end.name not in self._finals:
+                    self._owed.add(end.name)
                 continue
             if end.name in ("world", "medium"):
                 self._lose(str(end), end.name)
@@ -312,6 +320,7 @@ class Launcher:
                 self._finals[rest] = msgpack.unpackb(payload, strict_map_key=False)
             except (ValueError, msgpack.UnpackException) as error:
                 raise WireError(f"not msgpack: {error}") from error
+            self._owed.discard(rest)
             if rest == "world":
                 self._world_ended()
 

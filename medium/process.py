@@ -65,7 +65,7 @@ class Shell:
         self._gather: Gather[Transmission] = Gather(-1, ())
         self._inboxes: dict[int, bytes] = {}
         """For the next tick."""
-        self._alive: dict[str, set[str]] = {"world": set(), "station": set(), "robot": set()}
+        self._alive: dict[str, set[str]] = {role: set() for role in ("world", "station", "robot", "operator")}
         self._world_seen = False
         self._stopped = False
         self._dropped = 0
@@ -198,11 +198,15 @@ class Shell:
     def _linger(self) -> None:
         """Stay until the others have said what they had to say: the router is here.
 
-        A robot may be stopped and never go, so robots are not waited for as long as world and station are.
+        A launcher says when it has heard all, by the end of its token. Without one, a silence must do; a robot may be
+        stopped and never go, so robots are not waited for as long as world and station are.
         """
         since_s = time.monotonic()
+        launched = bool(self._alive["operator"])
         while (passed_s := time.monotonic() - since_s) < _LINGER_S:
-            waits = self._alive["world"] or self._alive["station"]
             quiet = not self._receive(_QUIET_S)
-            if quiet and not waits and (not self._alive["robot"] or passed_s > _LINGER_ROBOTS_S):
+            alive = {role for role, tokens in self._alive.items() if tokens}
+            if launched and "operator" not in alive:
+                return
+            if not launched and quiet and (not alive or (alive == {"robot"} and passed_s > _LINGER_ROBOTS_S)):
                 return

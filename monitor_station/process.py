@@ -110,7 +110,8 @@ class Shell:
                 member.phases.mark("recording")
         if station is not None:
             save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
-            self._put_final(msgpack.packb(station.final() | {"malformed": member.dropped}))
+        counts = station.final() if station is not None else {}
+        self._put_final(msgpack.packb(counts | {"malformed": member.dropped}))
 
     def _start(self, sense: Sense) -> Station:
         """The core; after a restart, with what its predecessor had acknowledged."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import select
 import shutil
 import signal
 import socket
@@ -207,6 +208,21 @@ def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callabl
     }  # fmt: skip
     assert "time_limit" in out
     assert gone(running.pids())
+
+
+@pytest.mark.processes
+def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[..., Running]) -> None:
+    running = start("--robots", 3, "--duration", 10, "--speed", 10)
+    pids = running.wait_for(1)
+    os.kill(running.process.pid, signal.SIGSTOP)
+    wait_until(lambda: gone(pids, but=("launcher", "medium")), 30, "only launcher and medium are left")
+    medium = os.pidfd_open(pids["medium"])
+    assert select.select([medium], [], [], 1.5)[0] == [], "the medium hosts the router: it stays until all is heard"
+    os.close(medium)
+    os.kill(running.process.pid, signal.SIGCONT)
+    status, _, errors = running.ended(30)
+    assert (status, errors) == (0, "")
+    assert running.summary()["trace_sha256"] is not None
 
 
 @pytest.mark.processes
