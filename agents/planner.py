@@ -1,161 +1,129 @@
 """Shortest paths over the known free cells of a robot's own map.
 
-The graph has a node per free cell and edges to its eight neighbors; a diagonal step needs both cells that it passes
-between. Nodes are appended as cells become known, so that a changed map costs what changed.
+A step leads to one of eight neighbors; a diagonal one needs both cells that it passes between.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from agents.own_map import OwnMap
-from world.grid import FREE
-
-_NO_NODE: Final = -1
-_STEPS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
-_SIDES: Final = ((4, 0, 2), (5, 1, 2), (6, 0, 3), (7, 1, 3))
-"""A diagonal step, and the two straight steps whose cells must be free as well."""
+from agents.walkable_graph import WalkableGraph
+from world.compiled import kernels
+from world.grid import FREE, GridGeometry
 
 
 class Reach:
-    """Paths from one cell to all others that can be reached over known free cells."""
+    """Path lengths from one cell to all others that can be reached over known free cells.
 
-    def __init__(
-        self,
-        cells: NDArray[np.int64],
-        node_of: NDArray[np.int32],
-        lengths: NDArray[np.float64],
-        before: NDArray[np.int32],
-    ) -> None:
-        self._cells = cells
-        self._node_of = node_of
-        self._lengths_m = lengths
-        self._before = before
+    Shortest path lengths are unique, paths are not: of two cells that a path may come from, it comes from the one
+    nearer to the source, and of two as near from the one with the lower index.
+    """
+
+    def __init__(self, geometry: GridGeometry, lengths_m: NDArray[np.float64]) -> None:
+        self._geometry = geometry
+        self._lengths_m = lengths_m
 
     def length_m(self, cell: int) -> float:
         """Path length to a cell; infinite if it was not reachable when this was made."""
-        node = int(self._node_of[cell])
-        return float(self._lengths_m[node]) if 0 <= node < len(self._lengths_m) else math.inf
+        return float(self._lengths_m[cell])
 
     def lengths_m(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Path lengths to many cells, shape (n,)."""
-        nodes = self._node_of[cells]
-        known = (nodes >= 0) & (nodes < len(self._lengths_m))
-        return np.where(known, self._lengths_m[np.where(known, nodes, 0)], math.inf)
+        lengths: NDArray[np.float64] = self._lengths_m[cells]
+        return lengths
 
     def reached(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """All cells that can be reached, and their path lengths."""
-        known = self._cells[: len(self._lengths_m)]
-        finite = self._lengths_m < math.inf
-        return known[finite], self._lengths_m[finite]
+        """All cells that can be reached, ascending, and their path lengths."""
+        cells = np.flatnonzero(self._lengths_m < math.inf)
+        return cells, self._lengths_m[cells]
 
     def path(self, cell: int) -> list[int]:
         """The cells from the source (left out) to a reachable cell."""
-        node = int(self._node_of[cell])
-        steps = []
-        while self._before[node] >= 0:
-            steps.append(int(self._cells[node]))
-            node = int(self._before[node])
-        return steps[::-1]
+        g, lengths = self._geometry, self._lengths_m
+        if kernels is not None:
+            steps: list[int] = kernels.path(lengths, g.rows, g.cols, g.resolution_m, cell)
+            return steps
+        path = []
+        while lengths[cell] > 0.0:
+            path.append(cell)
+            cell = self._before(cell)
+        return path[::-1]
+
+    def _before(self, cell: int) -> int:
+        """The cell from which the shortest path comes to `cell`."""
+        g, lengths = self._geometry, self._lengths_m
+        row, col = divmod(cell, g.cols)
+        best = cell
+        for r in range(max(row - 1, 0), min(row + 2, g.rows)):
+            for c in range(max(col - 1, 0), min(col + 2, g.cols)):
+                step_m = g.resolution_m
+                if r != row and c != col:
+                    if math.isinf(lengths[row * g.cols + c]) or math.isinf(lengths[r * g.cols + col]):
+                        continue
+                    step_m *= math.sqrt(2.0)
+                other = r * g.cols + c
+                if lengths[other] + step_m == lengths[cell] and lengths[other] < lengths[best]:
+                    best = other
+        return best
 
 
 class Planner:
-    """The walkable graph of one map."""
+    """Searches one map."""
 
     def __init__(self, own_map: OwnMap) -> None:
         self._map = own_map
-        g = own_map.geometry
-        self._cols = g.cols
-        # A rim of cells that are never free spares every bounds check.
-        self._width = g.cols + 2
-        self._offsets = np.array([dr * self._width + dc for dr, dc in _STEPS])
-        straight, diagonal = g.resolution_m, g.resolution_m * math.sqrt(2.0)
-        self._weights = np.array([straight] * 4 + [diagonal] * 4)
-        self._padded_node = np.full((g.rows + 2) * self._width, _NO_NODE, np.int32)
-        self._mark = np.zeros(len(self._padded_node), bool)
-        self._node_of = np.full(g.size, _NO_NODE, np.int32)
-        self._cells: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._ends: NDArray[np.int32] = np.zeros((0, 8), np.int32)
-        self._cost_m: NDArray[np.float64] = np.zeros((0, 8))
+        self._graph = WalkableGraph(own_map) if kernels is None else None
+        self._known = np.zeros(own_map.geometry.size, np.uint8)
+        self._discovered: list[NDArray[np.int64]] = []
+        """Cells in the order in which they became known as free."""
         self._seen = 0
-        """Changes of the map that are in the graph."""
+        """Changes of the map that are in there."""
 
-    def _padded(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        rows, cols = np.divmod(cells, self._cols)
-        return (rows + 1) * self._width + cols + 1
+    def nearest_free(self, cell: int) -> int:
+        """`cell` itself if it is known free, else the nearest cell that is: of several the one that was known first.
 
-    def _sorted(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Cells in ascending order, each once: for a few of them in a small range faster than `np.unique`."""
-        if not cells.size:
-            return cells
-        self._mark[cells] = True
-        first = int(cells.min())
-        ordered = np.flatnonzero(self._mark[first : int(cells.max()) + 1]) + first
-        self._mark[ordered] = False
-        return ordered
+        Those that became known between two questions count by their index.
+        """
+        self._discover()
+        if self._map.cells[cell] == FREE:
+            return cell
+        self._discovered = [np.concatenate(self._discovered)]
+        free = self._discovered[0][self._map.cells[self._discovered[0]] == FREE]
+        cols = self._map.geometry.cols
+        row, col = divmod(cell, cols)
+        rows_of, cols_of = np.divmod(free, cols)
+        return int(free[int(np.argmin((rows_of - row) ** 2 + (cols_of - col) ** 2))])
 
-    def _update(self) -> None:
-        """Bring the graph up to date with the map."""
+    def reach(self, source: int, limit_m: float = math.inf) -> Reach:
+        """Shortest paths from a known free cell, no farther than `limit_m`; beyond counts as unreachable."""
+        return self._search(source, limit_m, -1)
+
+    def path(self, source: int, cell: int) -> list[int]:
+        """The cells of the shortest path from a known free cell (left out) to another; none if there is no path."""
+        reach = self._search(source, math.inf, cell)
+        return reach.path(cell) if reach.length_m(cell) < math.inf else []
+
+    def _discover(self) -> None:
         changed, self._seen = self._map.changes(self._seen)
         if not changed.size:
             return
-        free = self._map.cells[changed] == FREE
-        known = self._node_of[changed] != _NO_NODE
-        # Ascending, and each once.
-        new = self._sorted(changed[free & ~known])
-        # A cell that turned out to be a wall keeps its node, without edges to or from it.
-        lost = self._sorted(changed[~free & known])
-        lost = lost[self._padded_node[self._padded(lost)] != _NO_NODE]
-        if not new.size and not lost.size:
-            return
-        first = len(self._cells)
-        nodes = np.arange(first, first + len(new), dtype=np.int32)
-        self._node_of[new] = nodes
-        self._padded_node[self._padded(new)] = nodes
-        self._padded_node[self._padded(lost)] = _NO_NODE
-        self._cells = np.concatenate((self._cells, new))
-        self._ends = np.concatenate((self._ends, np.zeros((len(new), 8), np.int32)))
-        self._cost_m = np.concatenate((self._cost_m, np.zeros((len(new), 8))))
-        self._link(np.concatenate((new, lost)))
+        if kernels is not None:
+            new = kernels.newly_free(changed, self._map.cells, self._known)
+            new.sort()
+        else:
+            new = np.unique(changed[(self._map.cells[changed] == FREE) & (self._known[changed] == 0)])
+            self._known[new] = 1
+        self._discovered.append(new)
 
-    def _link(self, changed: NDArray[np.int64]) -> None:
-        """Renew the edges of the nodes at and around changed cells."""
-        centers = self._padded(changed)
-        around = self._sorted(np.concatenate((centers, (centers[:, None] + self._offsets).ravel())))
-        around = around[self._padded_node[around] != _NO_NODE]
-        nodes = self._padded_node[around]
-        ends = self._padded_node[around[:, None] + self._offsets]
-        passable = ends != _NO_NODE
-        for diagonal, a, b in _SIDES:
-            passable[:, diagonal] &= passable[:, a] & passable[:, b]
-        # Every node keeps eight edges; one that leads nowhere is a loop to itself, which no search can use.
-        self._ends[nodes] = np.where(passable, ends, nodes[:, None])
-        self._cost_m[nodes] = self._weights
-        gone = self._node_of[changed[self._padded_node[centers] == _NO_NODE]]
-        self._ends[gone] = gone[:, None]
-        self._cost_m[gone] = self._weights
-
-    def nearest_free(self, cell: int) -> int:
-        """`cell` itself if it is known free, else the nearest cell that is."""
-        self._update()
-        if self._map.cells[cell] == FREE:
-            return cell
-        row, col = divmod(cell, self._cols)
-        rows, cols = np.divmod(self._cells, self._cols)
-        distance = (rows - row) ** 2 + (cols - col) ** 2 + np.where(self._map.cells[self._cells] == FREE, 0, 1 << 30)
-        return int(self._cells[int(np.argmin(distance))])
-
-    def reach(self, source: int, limit_m: float = math.inf) -> Reach:
-        """Shortest paths from a known free cell (Dijkstra), no farther than `limit_m`; beyond counts as unreachable."""
-        self._update()
-        n = len(self._cells)
-        indptr = np.arange(0, 8 * n + 1, 8, dtype=np.int32)
-        graph = csr_array((self._cost_m.ravel(), self._ends.ravel(), indptr), shape=(n, n))
-        lengths, before = dijkstra(graph, indices=int(self._node_of[source]), return_predecessors=True, limit=limit_m)
-        return Reach(self._cells, self._node_of, lengths, before)
+    def _search(self, source: int, limit_m: float, until: int) -> Reach:
+        """Shortest paths; those longer than the one to the cell `until` may be missing or too long."""
+        self._discover()
+        g = self._map.geometry
+        if self._graph is not None:
+            return Reach(g, self._graph.lengths_m(source, limit_m))
+        assert kernels is not None
+        return Reach(g, kernels.lengths(self._map.cells, g.rows, g.cols, g.resolution_m, source, limit_m, until))

@@ -95,16 +95,19 @@ class Walker:
 
     def plan(self, tick: int, at: tuple[float, float], goal: tuple[float, float]) -> None:
         """Plan anew."""
+        cell = self._planner.nearest_free
         g = self._map.geometry
-        source = self._planner.nearest_free(g.index(*at))
-        self.take(tick, at, goal, self._planner.reach(source))
+        self._go(tick, at, goal, self._planner.path(cell(g.index(*at)), cell(g.index(*goal))))
 
     def take(self, tick: int, at: tuple[float, float], goal: tuple[float, float], reach: Reach) -> None:
-        """Follow the path of a search that started at `at`; straight ahead if the goal can't be reached."""
-        g = self._map.geometry
-        cell = self._planner.nearest_free(g.index(*goal))
-        path = [g.center(c) for c in reach.path(cell)] if reach.length_m(cell) < math.inf else []
-        self._points = self._taut(at, [*path[:-1], goal]) if path else [goal]
+        """Follow the path of a search that started at `at`."""
+        cell = self._planner.nearest_free(self._map.geometry.index(*goal))
+        self._go(tick, at, goal, reach.path(cell) if reach.length_m(cell) < math.inf else [])
+
+    def _go(self, tick: int, at: tuple[float, float], goal: tuple[float, float], path: list[int]) -> None:
+        """Follow a path of cells; straight ahead if there is none."""
+        way = [self._map.geometry.center(cell) for cell in path[:-1]]
+        self._points = self._taut(at, [*way, goal]) if way else [goal]
         self._planned_tick = tick
         self._stretched = False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import random
 import shutil
@@ -21,11 +22,13 @@ from hypothesis import strategies as st
 
 import agents.forwarding_table
 import agents.own_map
+import agents.planner
 import world.geometry
 import world.lidar
 from agents.config import RobotConfig
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.own_map import OwnMap
+from agents.planner import Planner
 from bus.codec import WireError
 from deploy.scenario import load
 from deploy.simulation import Simulation
@@ -36,7 +39,7 @@ from world.lidar import Caster
 from world.messages import NOBODY
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
-USERS = (agents.forwarding_table, agents.own_map, world.geometry, world.lidar)
+USERS = (agents.forwarding_table, agents.own_map, agents.planner, world.geometry, world.lidar)
 
 property_test = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -132,6 +135,34 @@ def test_lines_are_equal(kernels: ModuleType, a: tuple[float, float], b: tuple[f
         expected = own.clear_line(*a, *b), own.obstacles(*a, *b)
     with using(kernels):
         assert (own.clear_line(*a, *b), own.obstacles(*a, *b)) == expected
+
+
+@property_test
+@given(st.integers(0, 1 << 30), st.sampled_from([math.inf, 3.0, 8.5]), st.floats(0.0, 0.5))
+def test_searches_are_equal(kernels: ModuleType, seed: int, limit_m: float, walls: float) -> None:
+    rng = np.random.default_rng(seed)
+    own = OwnMap(robot_config())
+    with using(None):
+        theirs = Planner(own)
+    with using(kernels):
+        ours = Planner(own)
+    for part in np.array_split(rng.permutation(own.cells.size), 3):
+        own.apply(part.astype(np.uint32), (rng.random(len(part)) < walls).astype(np.int8))
+        asked = rng.integers(0, own.cells.size, 4).tolist()
+        with using(None):
+            nearest = [theirs.nearest_free(cell) for cell in asked]
+            source = nearest[0]
+            expected = theirs.reach(source, limit_m)
+            paths = [expected.path(cell) for cell in expected.reached()[0].tolist()]
+            to_there = [theirs.path(source, cell) for cell in nearest]
+        with using(kernels):
+            assert [ours.nearest_free(cell) for cell in asked] == nearest
+            found = ours.reach(source, limit_m)
+            np.testing.assert_array_equal(
+                found.lengths_m(np.arange(own.cells.size)), expected.lengths_m(np.arange(own.cells.size))
+            )
+            assert [found.path(cell) for cell in found.reached()[0].tolist()] == paths
+            assert [ours.path(source, cell) for cell in nearest] == to_there
 
 
 def tables(seed: int) -> tuple[ForwardingTable, dict[int, int], bytes]:

@@ -8,8 +8,9 @@ same order, never fused (-ffp-contract=off).
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
 from cpython.dict cimport PyDict_GetItem, PyDict_Next
 from cpython.object cimport PyObject
-from libc.math cimport atan2, ceil, fabs, floor, hypot, rint
-from libc.stdint cimport int64_t, uint64_t
+from libc.math cimport INFINITY, atan2, ceil, fabs, floor, hypot, rint, sqrt
+from libc.stdint cimport int32_t, int64_t, uint64_t
+from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
 
 import numpy as np
@@ -212,6 +213,128 @@ def obstacles(const signed char[::1] cells, Py_ssize_t cols, double u0, double v
         in_run = solid
         before = t
     return runs
+
+
+def newly_free(const int64_t[::1] changed, const signed char[::1] cells, unsigned char[::1] known):
+    """agents.planner.Planner._discover: the changed cells (int64) that are free and were not known so; now they are."""
+    cdef Py_ssize_t n = changed.shape[0], k, found = 0
+    out = np.empty(n, np.int64)
+    cdef int64_t[::1] new = out
+    for k in range(n):
+        if cells[changed[k]] == 0 and not known[changed[k]]:
+            known[changed[k]] = 1
+            new[found] = changed[k]
+            found += 1
+    return out[:found]
+
+
+cdef struct Bucket:
+    int32_t* cells
+    Py_ssize_t count
+    Py_ssize_t room
+
+
+cdef int push(Bucket* bucket, int32_t cell) except -1:
+    cdef int32_t* more
+    if bucket.count == bucket.room:
+        bucket.room = max(1024, 2 * bucket.room)
+        more = <int32_t*>realloc(bucket.cells, bucket.room * sizeof(int32_t))
+        if more == NULL:
+            raise MemoryError
+        bucket.cells = more
+    bucket.cells[bucket.count] = cell
+    bucket.count += 1
+    return 0
+
+
+def lengths(
+    const signed char[::1] cells,
+    Py_ssize_t rows,
+    Py_ssize_t cols,
+    double resolution_m,
+    Py_ssize_t source,
+    double limit_m,
+    Py_ssize_t until,
+):
+    """agents.planner.Planner._search: (cells,) path lengths in metres over free cells (0), infinite where none leads.
+
+    Dijkstra's algorithm with buckets (Dial 1969) narrower than the shortest step: what a bucket holds when its turn
+    comes is final, whatever the order within it, so two lie ahead at most.
+    """
+    cdef double width_m = 0.9 * resolution_m, diagonal_m = resolution_m * sqrt(2.0), here, longer
+    cdef Bucket buckets[3]
+    cdef Bucket* bucket
+    cdef Py_ssize_t turn = 0, waiting = 1, k, cell, col, step, other
+    cdef Py_ssize_t steps[8]
+    cdef bint east, west, north, south, open_[8]
+    out = np.full(rows * cols, INFINITY)
+    cdef double[::1] found = out
+    steps[:] = [1, -1, cols, -cols, cols + 1, cols - 1, 1 - cols, -1 - cols]
+    for k in range(3):
+        buckets[k].cells = NULL
+        buckets[k].count = buckets[k].room = 0
+    try:
+        found[source] = 0.0
+        push(&buckets[0], <int32_t>source)
+        while waiting:
+            bucket = &buckets[turn % 3]
+            if until >= 0 and found[until] < INFINITY and <Py_ssize_t>(found[until] / width_m) <= turn:
+                break
+            for k in range(bucket.count):
+                cell = bucket.cells[k]
+                here = found[cell]
+                if <Py_ssize_t>(here / width_m) != turn:
+                    continue  # a shorter way was found since, and its turn has been
+                col = cell % cols
+                east = col + 1 < cols and cells[cell + 1] == 0
+                west = col > 0 and cells[cell - 1] == 0
+                north = cell + cols < rows * cols and cells[cell + cols] == 0
+                south = cell >= cols and cells[cell - cols] == 0
+                open_[:] = [
+                    east, west, north, south,
+                    east and north and cells[cell + cols + 1] == 0, west and north and cells[cell + cols - 1] == 0,
+                    east and south and cells[cell - cols + 1] == 0, west and south and cells[cell - cols - 1] == 0,
+                ]
+                for step in range(8):
+                    if open_[step]:
+                        other = cell + steps[step]
+                        longer = here + (resolution_m if step < 4 else diagonal_m)
+                        if longer < found[other] and longer <= limit_m:
+                            found[other] = longer
+                            push(&buckets[<Py_ssize_t>(longer / width_m) % 3], <int32_t>other)
+                            waiting += 1
+            waiting -= bucket.count
+            bucket.count = 0
+            turn += 1
+    finally:
+        for k in range(3):
+            free(buckets[k].cells)
+    return out
+
+
+def path(const double[::1] lengths_m, Py_ssize_t rows, Py_ssize_t cols, double resolution_m, Py_ssize_t cell):
+    """agents.planner.Reach.path: the cells from the source (left out) to `cell`."""
+    cdef double diagonal_m = resolution_m * sqrt(2.0), step_m
+    cdef Py_ssize_t row, col, r, c, other, best
+    found = []
+    while lengths_m[cell] > 0.0:
+        found.append(cell)
+        row = cell // cols
+        col = cell % cols
+        best = cell
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(col - 1, 0), min(col + 2, cols)):
+                step_m = resolution_m
+                if r != row and c != col:
+                    if lengths_m[row * cols + c] == INFINITY or lengths_m[r * cols + col] == INFINITY:
+                        continue
+                    step_m = diagonal_m
+                other = r * cols + c
+                if lengths_m[other] + step_m == lengths_m[cell] and lengths_m[other] < lengths_m[best]:
+                    best = other
+        cell = best
+    found.reverse()
+    return found
 
 
 def merge(
