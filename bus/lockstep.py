@@ -33,7 +33,7 @@ class Kind(IntEnum):
     DEPARTED = 1
     """`Departed`, to the medium."""
     STOP = 2
-    """`Stop`, to everybody."""
+    """`Stop`, to everybody; the medium answers as to a ping."""
     REFUSED = 3
     """Nothing: another living process is this node."""
     PING = 4

@@ -18,7 +18,9 @@ from bus.lockstep import Kind, seal, unseal
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
 
-__all__ = ["END", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch", "exit_status"]
+__all__ = [
+    "END", "LATE_STOP_S", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch", "exit_status",
+]  # fmt: skip
 
 END: Final = ("", None)
 """A message to oneself: end in good order (put by a handler of SIGTERM)."""
@@ -30,7 +32,9 @@ REFUSED_STATUS: Final = 4
 """Exit status of a process whose node is already there."""
 
 _POLL_S: Final = 0.5
-_LATE_STOP_S: Final = 0.5
+LATE_STOP_S: Final = 2.0
+"""A world's last word may come in so much later than the end of its token, which Zenoh sends ahead of all else."""
+
 _NOBODY_S: Final = 60.0
 
 log = logging.getLogger(__name__)
@@ -216,8 +220,7 @@ class Member(Generic[S, I]):
         lost = self._watch.see(key, data)
         if lost is None:
             return False
-        # A world that ends a run goes at once: its last word may come in after its token has dropped.
-        while (message := self.mailbox.get(_LATE_STOP_S)) is not None:
+        while (message := self.mailbox.get(LATE_STOP_S)) is not None:
             if message[0] == self._word_key and message[1] and unseal(message[1])[0] == Kind.STOP:
                 return True
         raise LostError(f"{lost} is gone")

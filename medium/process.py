@@ -17,7 +17,7 @@ import msgpack
 from bus.codec import WireError
 from bus.envelopes import Answer, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
-from bus.member import LostError, exit_status
+from bus.member import LATE_STOP_S, LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
 from medium.config import MediumConfig
@@ -125,6 +125,7 @@ class Shell:
         kind, _, body = unseal(data)
         if kind == Kind.STOP:
             self._stopped = True
+            self._put_done(b"")
         elif kind == Kind.DEPARTED:
             departed = Departed.decode(body)
             if departed.tick == self._gather.tick:
@@ -191,7 +192,7 @@ class Shell:
 
     def _last_words(self) -> bool:
         """The world's token may drop before its last word comes in; True if that word is `Stop`."""
-        while not self._stopped and self._receive(_POLL_S):
+        while not self._stopped and self._receive(LATE_STOP_S):
             pass
         return self._stopped
 

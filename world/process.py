@@ -5,6 +5,7 @@ What follows from that (who takes part, which fault acts, when the run ends) is 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import signal
@@ -383,6 +384,14 @@ class Shell:
         )
         self._put_final(msgpack.packb(final))
         log.info("stopped after tick %d: %s", stop.tick, stop.reason)
+        self._await_answer()
+
+    def _await_answer(self) -> None:
+        """Stay until the medium has the stop: the end of the token would overtake what was put before it."""
+        patience = self._asked = Patience(time.monotonic())
+        with contextlib.suppress(_RunError, LostError):
+            while self._asked is not None and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
+                self._receive(Patience.SLICE_S)
 
 
 def _name(node: int) -> str:
