@@ -23,7 +23,8 @@ def cores() -> list[str]:
     names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
     station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
-    return sorted([*paths, *station, "bus/codec.py", "bus/phases.py", "deploy/simulation.py"])
+    bus = [f"bus/{name}.py" for name in ("codec", "envelopes", "lockstep", "member", "phases")]
+    return sorted([*paths, *station, *bus, "deploy/simulation.py"])
 
 
 def extensions(what: str) -> list[Extension]:

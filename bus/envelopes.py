@@ -1,8 +1,8 @@
 """What travels together in a tick, still packed: each party opens its own part and passes the other's on unread.
 
 A message costs far more than its bytes, so a node gets one and sends one in a tick. The world hands everybody's sense
-to the medium, which adds the inbox; and a node's frames and motion go to medium and world as one. So neither can come
-without the other: who has moved has also spoken.
+to the medium, which adds the inbox; and a node's frames and motion go to the medium as one, which passes the motions of
+a tick on together. So neither can come without the other: who has moved has also spoken.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from bus.codec import WireError, integer, pack, unpack
 
-__all__ = ["Answer", "Opening", "Turn"]
+__all__ = ["Answer", "Moves", "Opening", "Turn"]
 
 _MOST: int = 2**31 - 1
 
@@ -60,7 +60,7 @@ class Turn(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Node -> medium and world: what it says and does in a tick. The parts repeat the tick, and must agree with it."""
+    """Node -> medium: what it says and does in a tick. The parts repeat the tick, and must agree with it."""
 
     tick: int
     transmission: bytes
@@ -75,3 +75,25 @@ class Answer(NamedTuple):
         if not isinstance(transmission, bytes) or not isinstance(motion, bytes):
             raise WireError("an answer is a transmission and a motion")
         return cls(integer(tick, 0, _MOST), transmission, motion)
+
+
+class Moves(NamedTuple):
+    """Medium -> world: what nodes answered, in the order in which it came in."""
+
+    answers: Sequence[tuple[int, int, int, bytes]]
+    """(node, incarnation of the token of its process, tick, motion)"""
+
+    def encode(self) -> bytes:
+        return pack((self.answers,))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Moves:
+        (answers,) = unpack(data, 1)
+        if not isinstance(answers, list):
+            raise WireError("moves are a list")
+        for item in answers:
+            if not isinstance(item, list) or len(item) != 4 or not isinstance(item[3], bytes):
+                raise WireError("a move is (node, incarnation, tick, motion)")
+            for value, most in zip(item, (_MOST, 2**32 - 1, _MOST), strict=False):
+                integer(value, 0, most)
+        return cls([(node, token, tick, motion) for node, token, tick, motion in answers])

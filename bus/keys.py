@@ -41,7 +41,8 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
     "done": Row("@sim/done", "put", ("medium",), ("world",)),
-    "tx": Row("@sim/tx/{node}", "put", ("node",), ("medium", "world")),
+    "tx": Row("@sim/tx/{node}", "put", ("node",), ("medium",)),
+    "moved": Row("@sim/moved", "put", ("medium",), ("world",)),
     "rx": Row("@sim/rx/{node}", "put", ("medium",), ("node",)),
     "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
     "phases": Row("@sim/phases/{process}", "put", ("world", "medium", "node"), ("operator",)),
@@ -110,10 +111,15 @@ class Keys:
         return self.key("done")
 
     def tx(self, node: int | str) -> str:
-        """Node -> medium and world: `Answer` behind a header, with a `Transmission` for the one and a `Motion` (or the
-        station's `Report`) for the other.
+        """Node -> medium: `Answer` behind a header, with a `Transmission` and, for the world, a `Motion` (or the
+        station's `Report`).
         """
         return self.key("tx", node=node)
+
+    @property
+    def moved(self) -> str:
+        """Medium -> world: `Moves`, all that nodes answered since the last."""
+        return self.key("moved")
 
     def rx(self, node: int | str) -> str:
         """Medium -> that node: `Turn`, with a `Sense` of the world's and an `Inbox`."""

@@ -19,7 +19,8 @@ from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
 
 __all__ = [
-    "END", "LATE_STOP_S", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch", "exit_status",
+    "END", "LATE_STOP_S", "LOST_STATUS", "REFUSED_STATUS", "LostError", "Member", "RefusedError", "Watch",
+    "exit_status",
 ]  # fmt: skip
 
 END: Final = ("", None)
@@ -220,8 +221,10 @@ class Member(Generic[S, I]):
         lost = self._watch.see(key, data)
         if lost is None:
             return False
-        while (message := self.mailbox.get(LATE_STOP_S)) is not None:
-            if message[0] == self._word_key and message[1] and unseal(message[1])[0] == Kind.STOP:
+        until_s = time.monotonic() + LATE_STOP_S
+        while lost == "world" and (left_s := until_s - time.monotonic()) > 0.0:
+            key, data = self.mailbox.get(left_s) or END
+            if key == self._word_key and data and unseal(data)[0] == Kind.STOP:
                 return True
         raise LostError(f"{lost} is gone")
 

@@ -25,7 +25,7 @@ from bus.access import credentials, user_name, users_of
 from bus.codec import WireError
 from bus.keys import check_run
 from bus.lockstep import unbatch
-from bus.member import LOST_STATUS
+from bus.member import LATE_STOP_S, LOST_STATUS
 from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session, new_token
 from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["Launcher", "Outcome", "run_name"]
 
 _SIGNALS: Final = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "cont": signal.SIGCONT}
-_LEAVE_S: Final = 1.5
+_LEAVE_S: Final = 1.0 + LATE_STOP_S
 """Wall time in which processes leave by themselves once world or medium is lost."""
 _ANSWER_S: Final = 1.0
 _INTERRUPT_S: Final = 2.0

@@ -15,7 +15,7 @@ from typing import Final
 import msgpack
 
 from bus.codec import WireError
-from bus.envelopes import Answer, Opening, Turn
+from bus.envelopes import Answer, Moves, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
 from bus.member import LATE_STOP_S, LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
@@ -65,6 +65,8 @@ class Shell:
         self._gather: Gather[Transmission] = Gather(-1, ())
         self._inboxes: dict[int, bytes] = {}
         """For the next tick."""
+        self._moves: list[tuple[int, int, int, bytes]] = []
+        """Answers that the world has not got yet."""
         self._alive: dict[str, set[str]] = {role: set() for role in ("world", "station", "robot", "operator")}
         self._world_seen = False
         self._stopped = False
@@ -74,6 +76,7 @@ class Shell:
         self._positions_key = keys.positions
         self._nodes: dict[str, int] = {}
         self._put_done = session.publisher(keys.done, blocking=True)
+        self._put_moved = session.publisher(keys.moved, blocking=True)
         self._put_final = session.publisher(keys.final("medium"), blocking=True)
         self._phases = Phases(time.perf_counter)
         self._put_phases = session.publisher(keys.phases("medium"), blocking=False)
@@ -132,6 +135,7 @@ class Shell:
                 self._gather.depart(departed.node)
                 self._step_if_complete()
         elif kind == Kind.PING:
+            self._pass_on()
             self._put_done(b"")
         else:
             self._begin(Opening.decode(body))
@@ -153,9 +157,13 @@ class Shell:
         node = self._nodes.get(key)
         if node is None:
             node = self._nodes[key] = self._session.keys.node_of(key)
-        answer = Answer.decode(unseal(data)[2])
+        _, token, body = unseal(data)
+        answer = Answer.decode(body)
+        self._moves.append((node, token, answer.tick, answer.motion))
         if answer.tick != self._gather.tick:
-            return  # of a node that was too late, or of one that the world leaves out just now
+            # Of a node that was too late, or of one that the world leaves out just now: that it is back is news.
+            self._pass_on()
+            return
         # What is of no use counts as silence: the tick would wait for anything else for ever.
         transmission = Transmission(answer.tick, node, ())
         try:
@@ -168,10 +176,17 @@ class Shell:
             if self._gather.add(node, transmission):
                 self._step_if_complete()
 
+    def _pass_on(self) -> None:
+        """Let the world have what came in; it learns who was last by the order."""
+        if self._moves:
+            self._put_moved(Moves(self._moves).encode())
+            self._moves = []
+
     def _step_if_complete(self) -> None:
         positions = self._positions
         if self._gather.missing or positions is None:
             return
+        self._pass_on()  # before the step: the world reads it meanwhile
         self._positions = None
         transmissions = self._gather.messages
         self._phases.mark("decode")
@@ -192,8 +207,9 @@ class Shell:
 
     def _last_words(self) -> bool:
         """The world's token may drop before its last word comes in; True if that word is `Stop`."""
-        while not self._stopped and self._receive(LATE_STOP_S):
-            pass
+        until_s = time.monotonic() + LATE_STOP_S
+        while not self._stopped and (left_s := until_s - time.monotonic()) > 0.0:
+            self._receive(left_s)
         return self._stopped
 
     def _linger(self) -> None:

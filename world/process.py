@@ -17,8 +17,8 @@ from typing import Any, Final
 import msgpack
 
 from bus.codec import WireError
-from bus.envelopes import Answer, Opening
-from bus.lockstep import Gather, Kind, Patience, batch, seal, unseal
+from bus.envelopes import Moves, Opening
+from bus.lockstep import Gather, Kind, Patience, batch, seal
 from bus.member import LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Message, Session, new_token
@@ -75,8 +75,8 @@ class Shell:
         """Since when the medium owes an answer."""
         self._heard_s = time.monotonic()
         """When something came in last."""
-        self._leaving: dict[int, str] = {}
-        """Nodes that left during the tick, until the medium has told whether they still counted."""
+        self._leaving: dict[int, tuple[int, str]] = {}
+        """(token, cause) of who left during the tick, until the medium has told whether they still counted."""
         self._mediums: set[str] = set()
         self._medium_lost = False
         self._snapshots: list[Snapshot] = []
@@ -107,9 +107,8 @@ class Shell:
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._put_feed = session.publisher(keys.feed, blocking=False)
         self._put_event = session.publisher(keys.event, blocking=False)
-        self._done_key = keys.done
-        self._answers = {keys.tx(node): node for node in self._nodes}
-        session.subscribe(self._mailbox, keys.tx("*"), keys.done)
+        self._done_key, self._moved_key = keys.done, keys.moved
+        session.subscribe(self._mailbox, keys.moved, keys.done)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
         session.answer(keys.control, self._command)
         session.declare(new_token("world"))
@@ -199,7 +198,7 @@ class Shell:
         self._put_positions(seal(Kind.DATA, 0, Opening(begin.positions.encode(), senses).encode()))
         for node in begin.senses:
             if not self._attendance.token(node):
-                self._leave(node, "died")
+                self._leave(node, 0, "died")
 
     def _collect(self, begin: Begin) -> float:
         """Wait for everybody who has not departed, then for the medium; returns when the last one had moved."""
@@ -215,7 +214,7 @@ class Shell:
             if waited_s > config.hang_deadline_s and gather.missing:
                 excused = () if self._pace.interrupted or waited_s > config.return_deadline_s else late
                 for node in sorted(gather.missing.difference(excused)):
-                    self._leave(node, "unresponsive")
+                    self._leave(node, self._attendance.token(node), "unresponsive")
                     self._attendance.silent(node)
         moved_s = time.perf_counter()
         patience = Patience(time.monotonic())
@@ -246,7 +245,7 @@ class Shell:
     def _end(self) -> Stop | None:
         core, messages = self._core, self._gather.messages
         counted = set(self._done.counted) if self._done is not None else set()
-        for node, cause in self._leaving.items():
+        for node, (_, cause) in self._leaving.items():
             took = node in counted and node in messages
             log.info("tick %d: %s: %s", core.tick, _name(node), cause)
             core.depart(node, cause, counted=took)
@@ -266,10 +265,10 @@ class Shell:
             self._flush()
         return end.stop
 
-    def _leave(self, node: int, cause: str) -> None:
+    def _leave(self, node: int, token: int, cause: str) -> None:
         """A node of this tick's roster is gone: nobody waits for it any longer."""
         self._gather.depart(node)
-        self._leaving[node] = cause
+        self._leaving[node] = token, cause
         self._put_positions(seal(Kind.DEPARTED, 0, Departed(self._gather.tick, node).encode()))
 
     # What comes in
@@ -287,18 +286,24 @@ class Shell:
         try:
             self._take(message)
         except WireError as error:
-            self._dropped += 1
-            if self._dropped == 1:
-                log.warning("dropped a malformed message on %s: %s (further ones are only counted)", message[0], error)
+            self._drop(f"message on {message[0]}", error)
         self._phases.mark("decode")
         if self._medium_lost:
             raise _RunError("the medium is gone")
 
+    def _drop(self, what: str, error: WireError) -> None:
+        self._dropped += 1
+        if self._dropped == 1:
+            log.warning("dropped a malformed %s: %s (further ones are only counted)", what, error)
+
     def _take(self, message: Message) -> None:
         key, data = message
-        node = self._answers.get(key)
-        if node is not None and data is not None:
-            self._answered(node, data)
+        if key == self._moved_key and data is not None:
+            for node, token, tick, motion in Moves.decode(data).answers:
+                try:
+                    self._answered(node, token, tick, motion)
+                except WireError as error:
+                    self._drop(f"answer of {_name(node)}", error)
         elif key == self._done_key and not data:
             self._asked = None
         elif key == self._done_key and data is not None:
@@ -310,20 +315,20 @@ class Shell:
         elif "/alive/" in key:
             self._token_changed(key, present=data is not None)
 
-    def _answered(self, node: int, data: bytes) -> None:
-        _, token, body = unseal(data)
-        if not self._attendance.seated(node, token):
+    def _answered(self, node: int, token: int, tick: int, motion: bytes) -> None:
+        left = node in self._leaving and self._leaving[node][0] == token
+        seated = self._attendance.seated(node, token)
+        if not left and not seated:
             if self._attendance.token(node):
                 self._refuse(node, token)
             return
-        answer = Answer.decode(body)
-        message = Report.decode(answer.motion) if node == STATION else self._motion(answer.motion)
-        if message.tick != answer.tick:
-            raise WireError(f"a motion of tick {message.tick} in an answer of tick {answer.tick}")
-        if message.tick == self._gather.tick and node in self._leaving:
-            # Given up a moment too early: the medium may have heard this before it knew.
+        message = Report.decode(motion) if node == STATION else self._motion(motion)
+        if message.tick != tick:
+            raise WireError(f"a motion of tick {message.tick} in an answer of tick {tick}")
+        if left and tick == self._gather.tick:
+            # It died, or was given up, a moment after it had answered: the medium may have heard this before it knew.
             self._gather.keep(node, message)
-        if message.tick != self._gather.tick or not self._gather.add(node, message):
+        if seated and (tick != self._gather.tick or not self._gather.add(node, message)):
             self._attendance.heard(node, token)
 
     def _motion(self, body: bytes) -> Motion:
@@ -346,7 +351,7 @@ class Shell:
                 self._refuse(node, incarnation)
         elif self._attendance.left(node, incarnation):
             if self._core_ticks(node):
-                self._leave(node, "died")
+                self._leave(node, incarnation, "died")
             elif node not in self._leaving:
                 self._core.depart(node, "died", counted=False)
 
