@@ -9,12 +9,8 @@ LEFT_TO_PYTHON = (
     "__",  # a package's own module, and its command line
     "compiled.py",
     "config.py",  # pydantic reads these classes
-    "process.py",  # shells: they wait for messages
-    "attendance.py",
     "floor_plan.py",
     "grid.py",  # travels to child processes by pickle
-    "pace.py",
-    "stopwatch.py",
 )
 
 

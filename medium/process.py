@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final, Protocol
 
 import msgpack
 
@@ -22,7 +22,7 @@ from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
 from medium.config import MediumConfig
 from medium.core import Medium
-from medium.messages import Transmission
+from medium.messages import Inbox, Transmission
 from world.messages import Departed, Done, Positions
 
 __all__ = ["run"]
@@ -55,10 +55,18 @@ def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> 
             Shell(Medium(config), session, hosts=users is not None).run()
 
 
+class Core(Protocol):
+    """What the shell drives: `medium.core.Medium`, or one that does nothing, to measure the shell alone."""
+
+    def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]: ...
+    def reject(self, frames: int) -> None: ...
+    def final(self) -> dict[str, Any]: ...
+
+
 class Shell:
     """What moves bytes around a medium core."""
 
-    def __init__(self, core: Medium, session: Session, *, hosts: bool) -> None:
+    def __init__(self, core: Core, session: Session, *, hosts: bool) -> None:
         self._core, self._session, self._hosts = core, session, hosts
         self._mailbox = Mailbox()
         self._positions: Positions | None = None

@@ -35,7 +35,7 @@ def test_a_robot_never_enters_or_crosses_a_wall(seed: int, path: list[tuple[floa
     free = np.flatnonzero(~walls)
     places = geometry.centers(generator.choice(free, 5))
     for velocity in path:
-        moved = move(walls, geometry, places, np.tile(velocity, (5, 1)), top)
+        moved = move(walls, geometry, places, [velocity] * 5, top)
         cells = np.floor((moved - (-2.0, 1.0)) / 0.25).astype(int)
         assert not walls[cells[:, 1], cells[:, 0]].any()
         assert not walls_crossed(walls, geometry, places, moved).any()
@@ -47,7 +47,7 @@ def one_move(x: float, y: float, vx: float, vy: float, top: float = 10.0) -> NDA
     walls = np.zeros((8, 8), bool)
     walls[[0, -1]] = walls[:, [0, -1]] = True
     walls[4, 4] = True  # x and y from 2.0 to 2.5
-    moved: NDArray[np.float64] = move(walls, GridGeometry(8, 8), np.array([[x, y]]), np.array([[vx, vy]]), top)[0]
+    moved: NDArray[np.float64] = move(walls, GridGeometry(8, 8), np.array([[x, y]]), [(vx, vy)], top)[0]
     return moved
 
 

@@ -8,11 +8,12 @@ may come at any time in between. Whatever is random comes from a generator of th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from world.config import Fault, WorldConfig
 from world.events import changes
@@ -308,46 +309,43 @@ class World:
     # The end of a tick
 
     def _move(self, motions: Mapping[int, Motion]) -> None:
-        velocity = np.zeros_like(self._xy)
+        velocities = [(0.0, 0.0)] * len(self._statuses)
         for node in self._taking_part:
             if node in motions:
-                velocity[node] = (motions[node].vx_m_s, motions[node].vy_m_s)
-        self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocity[1:], self._config.top_speed_m_s)
+                velocities[node - 1] = motions[node].vx_m_s, motions[node].vy_m_s
+        self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocities, self._config.top_speed_m_s)
 
     def _photograph(self, report: Report | None) -> Snapshot:
         """The snapshot of this tick; one who is away shows no route, and else its last status."""
         statuses = self._statuses
         present = [self._roster.present(node) for node in range(1, len(statuses) + 1)]
         routed = [status if here else _AWAY for status, here in zip(statuses, present, strict=True)]
-        columns = np.array(
-            [(s.cls, s.mode, r.hops, r.nms, r.msr) for s, r in zip(statuses, routed, strict=True)], np.int16
-        ).T
-        cls, mode, hops = columns[:3].astype(np.uint8)
-        nms, msr = columns[3:].copy()
+        targets_m: list[float] = []
+        for status in statuses:
+            targets_m += (status.target_x_m, status.target_y_m)
         if report is not None:
             self._reported = (report.search_rate, report.merged, report.victims_found)
         return Snapshot(
             self.tick,
             self._nodes,
-            np.array(present, np.uint8),
+            _bytes(present),
             self._xy[1:].copy(),
-            cls,
-            mode,
-            hops,
-            nms,
-            msr,
-            np.array([(s.target_x_m, s.target_y_m) for s in statuses], np.float64),
+            _bytes([status.cls for status in statuses]),
+            _bytes([status.mode for status in statuses]),
+            _bytes([status.hops for status in routed]),
+            np.array([status.nms for status in routed], np.int16),
+            np.array([status.msr for status in routed], np.int16),
+            np.array(targets_m).reshape(-1, 2),
             sum(s.reports_buffered for s in routed),
             *self._reported,
         )
 
     def _count(self) -> None:
-        hops = self._snapshot.hops[self._snapshot.present == 1]
-        finite = hops[hops != UNREACHABLE]
-        self._robot_ticks += len(hops)
-        self._connected_ticks += len(finite)
-        if len(finite):
-            self._max_hops = max(self._max_hops, int(finite.max()))
+        for here, hops in zip(self._snapshot.present.tolist(), self._snapshot.hops.tolist(), strict=True):
+            self._robot_ticks += here
+            if here and hops != UNREACHABLE:
+                self._connected_ticks += 1
+                self._max_hops = max(self._max_hops, hops)
 
     def _judge(self, report: Report | None) -> Stop | None:
         if report is not None and report.searched:
@@ -362,6 +360,11 @@ class World:
 
 
 _AWAY = Status()
+
+
+def _bytes(values: Sequence[int]) -> NDArray[np.uint8]:
+    """A column of a few small numbers: ten times as fast as `np.array`."""
+    return np.frombuffer(bytes(values), np.uint8)
 
 
 def _name(node: int) -> str:

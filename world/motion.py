@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ def move(
     walls: NDArray[np.bool_],
     geometry: GridGeometry,
     xy_m: NDArray[np.float64],
-    velocity_m_s: NDArray[np.float64],
+    velocities_m_s: Sequence[tuple[float, float]],
     top_speed_m_s: float,
 ) -> NDArray[np.float64]:
     """Where robots are a tick later; one that a wall stops slides along x, else along y, else stays.
@@ -27,16 +28,19 @@ def move(
         walls: (rows, cols), with a closed frame of walls.
         geometry: of `walls`.
         xy_m: (n, 2) places, each in a free cell.
-        velocity_m_s: (n, 2) wanted.
+        velocities_m_s: n pairs, wanted.
         top_speed_m_s: longer velocities are shortened to this.
 
     Returns:
         (n, 2) places, each in a free cell, reached without crossing a wall.
     """
     x0_m, y0_m, resolution_m = geometry.x0_m, geometry.y0_m, geometry.resolution_m
-    steps, places, leaving = [], [], []
-    # Hardly anybody leaves its cell within a tick: a loop finds those sooner than numpy does.
-    for k, ((x, y), (vx, vy)) in enumerate(zip(xy_m.tolist(), velocity_m_s.tolist(), strict=True)):
+    steps: list[tuple[float, float]] = []
+    places: list[tuple[float, float]] = []
+    leaving: list[int] = []
+    clear = True
+    # Hardly anybody leaves its cell within a tick, and then not into a wall: a loop sees that sooner than numpy does.
+    for k, ((x, y), (vx, vy)) in enumerate(zip(xy_m.tolist(), velocities_m_s, strict=True)):
         step_x, step_y = vx * TICK_S, vy * TICK_S
         speed = math.sqrt(vx * vx + vy * vy)
         if speed > top_speed_m_s:
@@ -44,14 +48,16 @@ def move(
             step_y *= top_speed_m_s / speed
         to_x, to_y = x + step_x, y + step_y
         # By the same arithmetic as `_cells`.
-        here = math.floor((x - x0_m) / resolution_m), math.floor((y - y0_m) / resolution_m)
-        there = math.floor((to_x - x0_m) / resolution_m), math.floor((to_y - y0_m) / resolution_m)
-        if here != there:
+        col, row = math.floor((x - x0_m) / resolution_m), math.floor((y - y0_m) / resolution_m)
+        to_col, to_row = math.floor((to_x - x0_m) / resolution_m), math.floor((to_y - y0_m) / resolution_m)
+        if to_col != col or to_row != row:
             leaving.append(k)
+            # Into a cell beside the own one nothing else can lie between.
+            clear = clear and abs(to_col - col) + abs(to_row - row) == 1 and not walls[to_row, to_col]
         steps.append((step_x, step_y))
         places.append((to_x, to_y))
     wanted = np.array(places, np.float64).reshape(-1, 2)
-    if leaving:
+    if not clear:
         step = np.array(steps, np.float64)
         crossing = np.array(leaving)
         stopped = crossing[_blocked(walls, geometry, xy_m[crossing], wanted[crossing])]

@@ -12,7 +12,7 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgpack
 
@@ -23,8 +23,8 @@ from bus.member import LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Message, Session, new_token
 from world.attendance import Attendance
-from world.config import WorldConfig
-from world.core import Begin, World
+from world.config import Fault, WorldConfig
+from world.core import Begin, End, World
 from world.faults import check_fault, parse_fault
 from world.messages import STATION, TICK_S, Departed, Done, Event, Motion, Report, Snapshot, Stop
 from world.pace import Pace
@@ -54,6 +54,22 @@ def run(config: WorldConfig, login: Login) -> None:
         Shell(World(config), config, login).run()
 
 
+class Core(Protocol):
+    """What the shell drives: `world.core.World`, or one that does nothing, to measure the shell alone."""
+
+    tick: int
+
+    def awaited(self) -> frozenset[int]: ...
+    def arrive(self, node: int, *, new: bool) -> None: ...
+    def depart(self, node: int, cause: str, *, counted: bool) -> None: ...
+    def inject(self, fault: Fault) -> None: ...
+    def begin(self) -> Begin: ...
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End: ...
+    def interrupt(self) -> None: ...
+    def fail(self, why: str) -> Stop: ...
+    def final(self) -> dict[str, Any]: ...
+
+
 class _RunError(Exception):
     """The run can't go on; the words say why."""
 
@@ -61,7 +77,7 @@ class _RunError(Exception):
 class Shell:
     """What moves bytes around a world core."""
 
-    def __init__(self, core: World, config: WorldConfig, login: Login) -> None:
+    def __init__(self, core: Core, config: WorldConfig, login: Login) -> None:
         self._core, self._config = core, config
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
@@ -88,7 +104,7 @@ class Shell:
     def run(self) -> None:
         """All ticks, then the end."""
         if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, lambda *_: self._pace.interrupt())
+            signal.signal(signal.SIGTERM, lambda _number, _frame: self._pace.interrupt())
         with self._session:
             try:
                 stop = self._ticks()

@@ -41,7 +41,7 @@ class Senses:
         self._pose_noise_m = config.pose_noise_m
         self._caster = Caster(config.occupied, config.geometry, config.lidar.beams, config.lidar.range_m)
         self._walls, self._geometry = pad(config.occupied, config.geometry)
-        self._victims = np.asarray(config.victims_m, np.float64).reshape(-1, 2)
+        self._victims = [(float(x), float(y)) for x, y in config.victims_m]
         self._seed = config.seed
 
     def at(self, tick: int, nodes: list[int], xy_m: NDArray[np.float64], roster: Roster) -> dict[int, Sense]:
@@ -84,13 +84,18 @@ class Senses:
         seen: dict[int, Sightings] = dict.fromkeys(robots, ())
         if not robots or not len(self._victims):
             return seen
-        places = xy_m[robots]
-        offset = places[:, None] - self._victims
-        near = (offset * offset).sum(axis=2) <= self._lidar.range_m**2
-        if near.any():
-            rows, ids = np.nonzero(near)
-            clear = walls_crossed(self._walls, self._geometry, places[rows], self._victims[ids]) == 0
-            for row, victim in zip(rows[clear].tolist(), ids[clear].tolist(), strict=True):
-                x, y = self._victims[victim].tolist()
-                seen[robots[row]] += ((victim, x, y),)
+        # A few robots and victims: a loop finds who is near sooner than numpy does.
+        square = self._lidar.range_m**2
+        near = [
+            (robot, victim, x, y)
+            for robot, (at_x, at_y) in zip(robots, xy_m[robots].tolist(), strict=True)
+            for victim, (x, y) in enumerate(self._victims)
+            if (at_x - x) * (at_x - x) + (at_y - y) * (at_y - y) <= square
+        ]
+        if near:
+            places = np.array([(x, y) for _, _, x, y in near])
+            crossed = walls_crossed(self._walls, self._geometry, xy_m[[robot for robot, *_ in near]], places)
+            for (robot, victim, x, y), walls in zip(near, crossed.tolist(), strict=True):
+                if not walls:
+                    seen[robot] += ((victim, x, y),)
         return seen

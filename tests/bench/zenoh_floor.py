@@ -15,7 +15,7 @@ from deploy.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
-from world.config import WorldConfig
+from world.config import Fault, WorldConfig
 from world.core import Begin, End
 from world.grid import GridGeometry
 from world.messages import STATION, Motion, Positions, Report, Sense, Snapshot, Status, Stop
@@ -75,6 +75,9 @@ class _World:
         self.tick += 1
         return End(self._snapshot, (), Stop(self.tick - 1, "time_limit") if self._over else None)
 
+    def inject(self, fault: Fault) -> None:
+        raise RuntimeError(f"a fault on the floor: {fault}")
+
     def interrupt(self) -> None:
         self._over = True
 
@@ -120,12 +123,12 @@ def _world(pattern: Pattern, login: Login, result: Path) -> None:
         seed=0, robots=pattern.robots, geometry=GridGeometry(1, 1), occupied=np.zeros((1, 1), bool),
         station_m=(0.0, 0.0), starts_m=np.zeros((pattern.robots, 2)), top_speed_m_s=1.0, duration_s=1e6,
     )  # fmt: skip
-    WorldShell(_World(pattern, TickTimes(result, pattern.wall_s)), config, login).run()  # type: ignore[arg-type]
+    WorldShell(_World(pattern, TickTimes(result, pattern.wall_s)), config, login).run()
 
 
 def _medium(pattern: Pattern, login: Login, users: Mapping[str, str]) -> None:
     with Session.host(login, users) as session:
-        MediumShell(_Medium(pattern), session, hosts=True).run()  # type: ignore[arg-type]
+        MediumShell(_Medium(pattern), session, hosts=True).run()
 
 
 def _node(pattern: Pattern, login: Login, node: int) -> None:
