@@ -36,14 +36,9 @@ class MsDistance:
         reach = self._renewed()
         g = self._map.geometry
         lengths: list[float] = reach.lengths_m(np.array([g.index(x, y) for x, y in places_m], np.int64)).tolist()
-        if math.inf in lengths:
-            cells, known_m = reach.reached()
-            centers = g.centers(cells)
-            for k, (x, y) in enumerate(places_m):
-                if lengths[k] == math.inf:
-                    gaps = np.hypot(centers[:, 0] - x, centers[:, 1] - y)
-                    nearest = int(np.argmin(gaps))
-                    lengths[k] = float(known_m[nearest] + gaps[nearest])
+        for k, (x, y) in enumerate(places_m):
+            if lengths[k] == math.inf:
+                lengths[k] = reach.length_near_m(x, y)
         return lengths
 
     def _renewed(self) -> Reach:

@@ -6,14 +6,17 @@ A step leads to one of eight neighbors; a diagonal one needs both cells that it 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.own_map import OwnMap
-from agents.walkable_graph import WalkableGraph
 from world.compiled import kernels
 from world.grid import FREE, GridGeometry
+
+if TYPE_CHECKING:
+    from agents.walkable_graph import WalkableGraph
 
 
 class Reach:
@@ -36,10 +39,23 @@ class Reach:
         lengths: NDArray[np.float64] = self._lengths_m[cells]
         return lengths
 
-    def reached(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """All cells that can be reached, ascending, and their path lengths."""
-        cells = np.flatnonzero(self._lengths_m < math.inf)
-        return cells, self._lengths_m[cells]
+    def reached(self) -> NDArray[np.int64]:
+        """All cells that can be reached, ascending."""
+        return np.flatnonzero(self._lengths_m < math.inf)
+
+    def length_near_m(self, x_m: float, y_m: float) -> float:
+        """Path length to the reached cell whose center is nearest to a place, and from there straight."""
+        g = self._geometry
+        if kernels is not None:
+            length_m: float = kernels.length_near(
+                self._lengths_m, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m)
+            )
+            return length_m
+        cells = self.reached()
+        centers = g.centers(cells)
+        gaps = np.hypot(centers[:, 0] - x_m, centers[:, 1] - y_m)
+        nearest = int(np.argmin(gaps))
+        return float(self._lengths_m[cells[nearest]] + gaps[nearest])
 
     def path(self, cell: int) -> list[int]:
         """The cells from the source (left out) to a reachable cell."""
@@ -76,7 +92,12 @@ class Planner:
 
     def __init__(self, own_map: OwnMap) -> None:
         self._map = own_map
-        self._graph = WalkableGraph(own_map) if kernels is None else None
+        self._graph: WalkableGraph | None = None
+        if kernels is None:
+            # SciPy takes a quarter of a second to import: only for those who search with it.
+            from agents.walkable_graph import WalkableGraph
+
+            self._graph = WalkableGraph(own_map)
         self._known = np.zeros(own_map.geometry.size, np.uint8)
         self._discovered: list[NDArray[np.int64]] = []
         """Cells in the order in which they became known as free."""

@@ -138,8 +138,15 @@ def test_lines_are_equal(kernels: ModuleType, a: tuple[float, float], b: tuple[f
 
 
 @property_test
-@given(st.integers(0, 1 << 30), st.sampled_from([math.inf, 3.0, 8.5]), st.floats(0.0, 0.5))
-def test_searches_are_equal(kernels: ModuleType, seed: int, limit_m: float, walls: float) -> None:
+@given(
+    st.integers(0, 1 << 30),
+    st.sampled_from([math.inf, 3.0, 8.5]),
+    st.floats(0.0, 0.5),
+    st.lists(st.one_of(anywhere, st.tuples(st.sampled_from([0.0, 3.25, 6.0]), st.just(9.5))), max_size=4),
+)
+def test_searches_are_equal(
+    kernels: ModuleType, seed: int, limit_m: float, walls: float, places: list[tuple[float, float]]
+) -> None:
     rng = np.random.default_rng(seed)
     own = OwnMap(robot_config())
     with using(None):
@@ -153,16 +160,18 @@ def test_searches_are_equal(kernels: ModuleType, seed: int, limit_m: float, wall
             nearest = [theirs.nearest_free(cell) for cell in asked]
             source = nearest[0]
             expected = theirs.reach(source, limit_m)
-            paths = [expected.path(cell) for cell in expected.reached()[0].tolist()]
+            paths = [expected.path(cell) for cell in expected.reached().tolist()]
             to_there = [theirs.path(source, cell) for cell in nearest]
+            near = [expected.length_near_m(*place) for place in places]
         with using(kernels):
             assert [ours.nearest_free(cell) for cell in asked] == nearest
             found = ours.reach(source, limit_m)
             np.testing.assert_array_equal(
                 found.lengths_m(np.arange(own.cells.size)), expected.lengths_m(np.arange(own.cells.size))
             )
-            assert [found.path(cell) for cell in found.reached()[0].tolist()] == paths
+            assert [found.path(cell) for cell in found.reached().tolist()] == paths
             assert [ours.path(source, cell) for cell in nearest] == to_there
+            assert [found.length_near_m(*place) for place in places] == near
 
 
 def tables(seed: int) -> tuple[ForwardingTable, dict[int, int], bytes]:

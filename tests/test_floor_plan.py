@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 
 from world.floor_plan import digest_of_map, from_rectangles, load_map, reachable, save_map
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -53,6 +55,14 @@ def test_reachable_goes_over_sides_not_corners() -> None:
     occupied = np.array([[0, 0, 1], [1, 1, 0], [0, 0, 0]], bool)
     assert reachable(occupied, 0).tolist() == [[True, True, False], [False] * 3, [False] * 3]
     assert not reachable(occupied, 2).any()
+
+
+@given(arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))), st.data())
+def test_what_is_reachable_is_one_connected_part(occupied: NDArray[np.bool_], data: st.DataObject) -> None:
+    index = data.draw(st.integers(0, occupied.size - 1))
+    parts, _ = ndimage.label(~occupied)
+    expected = (parts == parts.flat[index]) & ~occupied
+    np.testing.assert_array_equal(reachable(occupied, index), expected)
 
 
 cells = arrays(np.int8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([-1, 0, 1]))

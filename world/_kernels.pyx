@@ -337,6 +337,41 @@ def path(const double[::1] lengths_m, Py_ssize_t rows, Py_ssize_t cols, double r
     return found
 
 
+def length_near(
+    const double[::1] lengths_m,
+    Py_ssize_t rows,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    double x_m,
+    double y_m,
+    Py_ssize_t index,
+):
+    """agents.planner.Reach.length_near_m: ring by ring around the cell `index`, which is the nearest to the place."""
+    cdef Py_ssize_t at_row = index // cols, at_col = index % cols, ring, row, col, step, cell, nearest = -1
+    cdef double gap_m, least_m = INFINITY, from_cell_m
+    from_cell_m = hypot(x0_m + (at_col + 0.5) * resolution_m - x_m, y0_m + (at_row + 0.5) * resolution_m - y_m)
+    for ring in range(max(rows, cols)):
+        # No center of this ring is nearer than that, however the place lies to its cell.
+        if ring * resolution_m - from_cell_m > least_m:
+            break
+        for row in range(max(at_row - ring, 0), min(at_row + ring + 1, rows)):
+            step = 1 if row == at_row - ring or row == at_row + ring else 2 * ring  # its rim only
+            col = at_col - ring - step
+            while col + step <= at_col + ring:
+                col += step
+                cell = row * cols + col
+                if 0 <= col < cols and lengths_m[cell] < INFINITY:
+                    gap_m = hypot(
+                        x0_m + (<double>col + 0.5) * resolution_m - x_m, y0_m + (<double>row + 0.5) * resolution_m - y_m
+                    )
+                    if gap_m < least_m or (gap_m == least_m and cell < nearest):
+                        least_m = gap_m
+                        nearest = cell
+    return lengths_m[nearest] + least_m
+
+
 def merge(
     bytes rows, int me, int sender, dict known, dict next_hop, dict inherent_of, dict before, int sticky, int max_node
 ):

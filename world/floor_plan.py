@@ -17,8 +17,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
@@ -61,14 +59,25 @@ def from_rectangles(
 def reachable(occupied: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
     """(rows, cols) True = free and connected to the cell `index` over cell sides; all False if that is a wall."""
     free = ~occupied
-    cells = np.arange(occupied.size).reshape(occupied.shape)
-    along, up = free[:, 1:] & free[:, :-1], free[1:] & free[:-1]
-    a = np.concatenate((cells[:, :-1][along], cells[:-1][up]))
-    b = np.concatenate((cells[:, 1:][along], cells[1:][up]))
-    sides = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(occupied.size, occupied.size))
-    _, labels = connected_components(sides, directed=False)
-    connected: NDArray[np.bool_] = (labels == labels[index]).reshape(occupied.shape) & free
-    return connected
+    rows, cols = _runs(free), _runs(free.T).T
+    reached: NDArray[np.bool_] = np.zeros_like(free)
+    reached.flat[index] = free.flat[index]
+    # Whoever is reached, its whole row and column are; as often as there are turns on the way.
+    before, count = 0, int(reached.sum())
+    while count > before:
+        for runs in (rows, cols):
+            met = np.zeros(int(runs.max()) + 1, np.bool_)
+            met[runs[reached]] = True
+            reached = met[runs]
+        before, count = count, int(reached.sum())
+    return reached
+
+
+def _runs(free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Numbers of the runs of free cells along each row, from 1; 0 for a wall."""
+    first = free.copy()
+    first[:, 1:] &= ~free[:, :-1]
+    return np.where(free, np.cumsum(first).reshape(free.shape), 0)
 
 
 def load_map(path: Path) -> tuple[NDArray[np.bool_], GridGeometry]:
