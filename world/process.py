@@ -5,7 +5,6 @@ What follows from that (who takes part, which fault acts, when the run ends) is 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import signal
@@ -409,10 +408,11 @@ class Shell:
 
     def _await_answer(self) -> None:
         """Stay until the medium has the stop: the end of the token would overtake what was put before it."""
-        patience = self._asked = Patience(time.monotonic())
-        with contextlib.suppress(_RunError, LostError):
-            while self._asked is not None and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
-                self._receive(Patience.SLICE_S)
+        patience, message = Patience(time.monotonic()), None
+        while message != (self._done_key, b"") and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
+            message = self._mailbox.get(Patience.SLICE_S)
+            if message is None and not self._session.connected():
+                return
 
 
 def _name(node: int) -> str:

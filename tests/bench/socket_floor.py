@@ -1,4 +1,4 @@
-"""The floors over ZeroMQ and over bare Unix sockets: the same messages as raw bytes, each straight to its receiver.
+"""The floors over ZeroMQ and over bare Unix sockets: the same messages between the same processes, as raw bytes.
 
 Nobody routes, checks a key, logs in, or encodes here, so these floors say what processes and pipes cost, no more.
 """
@@ -18,9 +18,9 @@ from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start_unix", "start_zeromq"]
 
-WORLD, MEDIUM = "world", "medium"
-_HUB: Final = 65_535
-"""Who the medium is to the world."""
+MEDIUM: Final = "medium"
+_WORLD: Final = 65_535
+"""Who the world is to the medium."""
 _STOP: Final = b"stop"
 _OPEN_S: Final = 60.0
 _ID: Final = struct.Struct("<H")
@@ -55,50 +55,45 @@ def start_zeromq(pattern: Pattern, supervisor: Supervisor, result: Path) -> None
 
 
 def _start(pattern: Pattern, supervisor: Supervisor, result: Path, hub: HubMaker, leaf: LeafMaker) -> None:
-    supervisor.start(MEDIUM, _medium, pattern, result.parent, hub, leaf)
-    supervisor.start(WORLD, _world, pattern, result, hub)
+    supervisor.start(MEDIUM, _medium, pattern, result.parent, hub)
+    supervisor.start("world", _world, pattern, result, leaf)
     for node in pattern.nodes:
         supervisor.start(f"node/{node}", _node, pattern, result.parent, node, leaf)
 
 
-def _world(pattern: Pattern, result: Path, hub: HubMaker) -> None:
-    lines = hub(result.parent, WORLD, len(pattern.nodes) + 1)
+def _world(pattern: Pattern, result: Path, leaf: LeafMaker) -> None:
+    medium = leaf(result.parent, MEDIUM, _WORLD)
     times = TickTimes(result, pattern.wall_s)
-    tick, positions = 0, bytes(18 * len(pattern.nodes))
+    tick, positions_bytes = 0, 18 * len(pattern.nodes)
     while times.tick():
-        for node in pattern.nodes:
-            lines.send(node, bytes(pattern.sense_bytes(node, tick)))
-        lines.send(_HUB, positions)
-        for _ in range(len(pattern.nodes) + 1):
-            lines.receive()
+        medium.send(bytes(positions_bytes + sum(pattern.sense_bytes(node, tick) for node in pattern.nodes)))
+        for _ in ("moves", "done"):
+            medium.receive()
         tick += 1
-    for node in (*pattern.nodes, _HUB):
-        lines.send(node, _STOP)
+    medium.send(_STOP)
     times.write()
 
 
-def _medium(pattern: Pattern, folder: Path, hub: HubMaker, leaf: LeafMaker) -> None:
-    lines = hub(folder, MEDIUM, len(pattern.nodes))
-    world = leaf(folder, WORLD, _HUB)
-    inbox = bytes(pattern.inbox_bytes)
-    while world.receive() != _STOP:
+def _medium(pattern: Pattern, folder: Path, hub: HubMaker) -> None:
+    lines = hub(folder, MEDIUM, len(pattern.nodes) + 1)
+    tick, moves = 0, bytes(60 * len(pattern.nodes))
+    while lines.receive()[1] != _STOP:
+        for node in pattern.nodes:
+            lines.send(node, bytes(pattern.sense_bytes(node, tick) + pattern.inbox_bytes))
         for _ in pattern.nodes:
             lines.receive()
-        for node in pattern.nodes:
-            lines.send(node, inbox)
-        world.send(b"done")
+        lines.send(_WORLD, moves)
+        lines.send(_WORLD, b"done")
+        tick += 1
+    for node in pattern.nodes:
+        lines.send(node, _STOP)
 
 
 def _node(pattern: Pattern, folder: Path, node: int, leaf: LeafMaker) -> None:
-    world, medium = leaf(folder, WORLD, node), leaf(folder, MEDIUM, node)
-    frames, motion = bytes(pattern.frame_bytes), bytes(60)
-    first = True
-    while world.receive() != _STOP:
-        if not first:
-            medium.receive()
-        first = False
-        medium.send(frames)
-        world.send(motion)
+    medium = leaf(folder, MEDIUM, node)
+    answer = bytes(pattern.frame_bytes + 60)
+    while medium.receive() != _STOP:
+        medium.send(answer)
 
 
 class UnixHub:
