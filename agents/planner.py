@@ -58,7 +58,11 @@ class Reach:
         return float(self._lengths_m[cells[nearest]] + gaps[nearest])
 
     def path(self, cell: int) -> list[int]:
-        """The cells from the source (left out) to a reachable cell."""
+        """The cells from the source (left out) to a reachable cell.
+
+        Raises:
+            ValueError: no path leads there.
+        """
         g, lengths = self._geometry, self._lengths_m
         if kernels is not None:
             steps: list[int] = kernels.path(lengths, g.rows, g.cols, g.resolution_m, cell)
@@ -84,6 +88,8 @@ class Reach:
                 other = r * g.cols + c
                 if lengths[other] + step_m == lengths[cell] and lengths[other] < lengths[best]:
                     best = other
+        if best == cell:
+            raise ValueError("no path leads there")
         return best
 
 
@@ -138,7 +144,8 @@ class Planner:
         else:
             new = np.unique(changed[(self._map.cells[changed] == FREE) & (self._known[changed] == 0)])
             self._known[new] = 1
-        self._discovered.append(new)
+        if new.size:
+            self._discovered.append(new)
 
     def _search(self, source: int, limit_m: float, until: int) -> Reach:
         """Shortest paths; those longer than the one to the cell `until` may be missing or too long."""

@@ -107,7 +107,7 @@ class Keys:
 
     @property
     def done(self) -> str:
-        """Medium -> world: `Done`."""
+        """Medium -> world: `Done`, or nothing as the answer to a ping and to the stop."""
         return self.key("done")
 
     def tx(self, node: int | str) -> str:

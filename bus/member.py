@@ -222,9 +222,11 @@ class Member(Generic[S, I]):
         if lost is None:
             return False
         until_s = time.monotonic() + LATE_STOP_S
-        while lost == "world" and (left_s := until_s - time.monotonic()) > 0.0:
-            key, data = self.mailbox.get(left_s) or END
-            if key == self._word_key and data and unseal(data)[0] == Kind.STOP:
+        while (left_s := until_s - time.monotonic()) > 0.0 and self.session.connected():
+            message = self.mailbox.get(min(left_s, _POLL_S))
+            if message is None:
+                continue
+            if message == END or (message[0] == self._word_key and message[1] and unseal(message[1])[0] == Kind.STOP):
                 return True
         raise LostError(f"{lost} is gone")
 

@@ -220,8 +220,11 @@ class Launcher:
             self._take_mail()
             if self._asked_to_stop > self._seen_stop:
                 self._stop_asked(session)
-            if not self._owed and supervisor.pids.keys() == {"medium"}:
-                session.close()
+            if not self._owed and not {"world", role_name(STATION)} & supervisor.pids.keys():
+                if supervisor.pids.keys() == {"medium"}:
+                    session.close()
+                else:
+                    self._give_up_in(_LEAVE_S)  # a robot that came too late to hear the stop
 
     def _stop_asked(self, session: Session) -> None:
         self._seen_stop = self._asked_to_stop
@@ -242,6 +245,7 @@ class Launcher:
         # Those that were lost for want of another come after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
             if expected or end.code == 0:
+                # One that was killed or never came owes nothing.
                 if end.name == role_name(STATION) and end.name not in self._finals:
                     self._owed.add(end.name)
                 continue

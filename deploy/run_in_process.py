@@ -6,6 +6,7 @@ import signal
 import time
 from typing import TYPE_CHECKING, Any
 
+from deploy.collector import collect_rarely
 from deploy.simulation import Observer, Simulation
 from world.floor_plan import save_map
 
@@ -45,6 +46,7 @@ def run_in_process(
     if recorder is not None:
         observer.view, observer.table = recorder.station, recorder.table
     simulation = Simulation(scenario, observer)
+    collect_rarely()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: simulation.world.interrupt())
     try:

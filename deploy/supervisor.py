@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import gc
 import multiprocessing
 import multiprocessing.forkserver
 import os
@@ -27,6 +26,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from setproctitle import setproctitle
+
+from deploy.collector import collect_rarely
 
 __all__ = ["GRACE_S", "Exit", "Supervisor"]
 
@@ -203,10 +204,7 @@ def _child(title: str, log: Path, target: Callable[..., None], args: tuple[Any, 
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     setproctitle(title)
-    # What the fork server imported is never garbage: a collection that looked at it would only copy its pages. What a
-    # tick makes is gone by itself: looking for cycles in every 700 objects took a thirtieth of a robot's time.
-    gc.freeze()
-    gc.set_threshold(20_000)
+    collect_rarely()
     _let_fork_server_go()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT), 0, 0, 0)

@@ -1,6 +1,6 @@
 """The radio as a process: hosts the router or joins one, gathers what everybody sends in a tick, hands out turns.
 
-It passes on unread what the world has each node sense, together with what the node hears.
+It passes on unread what the world has each node sense, together with what the node hears, and how each node moves.
 
 It has no deadline of its own: it leaves a node out of a tick when the world says so, and only then.
 """
@@ -30,8 +30,9 @@ __all__ = ["run"]
 _POLL_S: Final = 0.5
 _LINGER_S: Final = 10.0
 _LINGER_ROBOTS_S: Final = 1.0
+"""Without a launcher, which knows who is left."""
 _QUIET_S: Final = 0.25
-"""What was routed last has this long to get out of the router's queues."""
+"""Without a launcher, what was routed last has this long to get out of the router's queues."""
 _START_S: Final = 60.0
 
 log = logging.getLogger(__name__)
@@ -169,8 +170,7 @@ class Shell:
         answer = Answer.decode(body)
         self._moves.append((node, token, answer.tick, answer.motion))
         if answer.tick != self._gather.tick:
-            # Of a node that was too late, or of one that the world leaves out just now: that it is back is news.
-            self._pass_on()
+            self._pass_on()  # of a node that was too late, or of one that the world leaves out just now
             return
         # What is of no use counts as silence: the tick would wait for anything else for ever.
         transmission = Transmission(answer.tick, node, ())
@@ -183,6 +183,8 @@ class Shell:
         finally:
             if self._gather.add(node, transmission):
                 self._step_if_complete()
+            else:
+                self._pass_on()  # of a node that was given up: that it is back is news
 
     def _pass_on(self) -> None:
         """Let the world have what came in; it learns who was last by the order."""
@@ -221,7 +223,7 @@ class Shell:
         return self._stopped
 
     def _linger(self) -> None:
-        """Stay until the others have said what they had to say: the router is here.
+        """Stay until the others have said what they had to say, for ten seconds at most: the router is here.
 
         A launcher says when it has heard all, by the end of its token. Without one, a silence must do; a robot may be
         stopped and never go, so robots are not waited for as long as world and station are.

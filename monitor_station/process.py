@@ -87,7 +87,7 @@ class Shell:
         try:
             self._ticks()
         finally:
-            # The session first: the router's host waits for this token to drop before it goes.
+            # The session first: without a launcher the router's host waits for this token to drop before it goes.
             self._member.session.close()
             if self._screen is not None:
                 self._screen.close()

@@ -258,6 +258,8 @@ def lengths(
 ):
     """agents.planner.Planner._search: (cells,) path lengths in metres over free cells (0), infinite where none leads.
 
+    With a cell `until` >= 0 the search ends when that one's length is final; longer ones may be missing or too long.
+
     Dijkstra's algorithm with buckets (Dial 1969) narrower than the shortest step: what a bucket holds when its turn
     comes is final, whatever the order within it, so two lie ahead at most.
     """
@@ -332,6 +334,8 @@ def path(const double[::1] lengths_m, Py_ssize_t rows, Py_ssize_t cols, double r
                 other = r * cols + c
                 if lengths_m[other] + step_m == lengths_m[cell] and lengths_m[other] < lengths_m[best]:
                     best = other
+        if best == cell:
+            raise ValueError("no path leads there")
         cell = best
     found.reverse()
     return found
@@ -353,8 +357,9 @@ def length_near(
     cdef double gap_m, least_m = INFINITY, from_cell_m
     from_cell_m = hypot(x0_m + (at_col + 0.5) * resolution_m - x_m, y0_m + (at_row + 0.5) * resolution_m - y_m)
     for ring in range(max(rows, cols)):
-        # No center of this ring is nearer than that, however the place lies to its cell.
-        if ring * resolution_m - from_cell_m > least_m:
+        # No center of this ring is nearer than a ring's width less than that, however the place lies to its cell; one
+        # ring more than needed, for the rounding.
+        if (ring - 1) * resolution_m - from_cell_m > least_m:
             break
         for row in range(max(at_row - ring, 0), min(at_row + ring + 1, rows)):
             step = 1 if row == at_row - ring or row == at_row + ring else 2 * ring  # its rim only
@@ -369,7 +374,7 @@ def length_near(
                     if gap_m < least_m or (gap_m == least_m and cell < nearest):
                         least_m = gap_m
                         nearest = cell
-    return lengths_m[nearest] + least_m
+    return lengths_m[nearest] + least_m if nearest >= 0 else INFINITY
 
 
 def merge(

@@ -335,7 +335,7 @@ class World:
             _bytes([status.hops for status in routed]),
             np.array([status.nms for status in routed], np.int16),
             np.array([status.msr for status in routed], np.int16),
-            np.array(targets_m).reshape(-1, 2),
+            np.array(targets_m, np.float64).reshape(-1, 2),
             sum(s.reports_buffered for s in routed),
             *self._reported,
         )

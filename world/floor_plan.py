@@ -62,7 +62,7 @@ def reachable(occupied: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
     rows, cols = _runs(free), _runs(free.T).T
     reached: NDArray[np.bool_] = np.zeros_like(free)
     reached.flat[index] = free.flat[index]
-    # Whoever is reached, its whole row and column are; as often as there are turns on the way.
+    # Whoever is reached, its whole row and column are, up to the walls; as often as there are turns on the longest way.
     before, count = 0, int(reached.sum())
     while count > before:
         for runs in (rows, cols):

@@ -88,6 +88,7 @@ class Shell:
         self._done: Done | None = None
         self._asked: Patience | None = None
         """Since when the medium owes an answer."""
+        self._pongs = 0
         self._heard_s = time.monotonic()
         """When something came in last."""
         self._leaving: dict[int, tuple[int, str]] = {}
@@ -220,6 +221,7 @@ class Shell:
         config, gather = self._config, self._gather
         late = {node for node, sense in begin.senses.items() if sense.first}
         patience = Patience(time.monotonic())
+        sure: int | None = None
         while gather.missing:
             self._receive(Patience.SLICE_S)
             if gather.missing and not self._medium_answers():
@@ -227,6 +229,13 @@ class Shell:
                 continue
             waited_s = patience.wait(time.monotonic())
             if waited_s > config.hang_deadline_s and gather.missing:
+                # Who is silent is known when the medium has passed on what it holds.
+                if sure is None:
+                    sure = self._pongs + 1
+                    self._ask()
+                if self._pongs < sure:
+                    continue
+                sure = None
                 excused = () if self._pace.interrupted or waited_s > config.return_deadline_s else late
                 for node in sorted(gather.missing.difference(excused)):
                     self._leave(node, self._attendance.token(node), "unresponsive")
@@ -249,13 +258,18 @@ class Shell:
         now_s = time.monotonic()
         if self._asked is None:
             if now_s - self._heard_s > Patience.SLICE_S / 2:
-                self._asked = Patience(now_s)
-                self._put_positions(seal(Kind.PING, 0))
+                self._ask()
             return True
         deadline_s = self._config.hang_deadline_s if self._pace.interrupted else self._config.medium_deadline_s
         if self._asked.wait(now_s) > deadline_s:
             raise _RunError(f"the medium was silent for {deadline_s:g} s")
         return False
+
+    def _ask(self) -> None:
+        """Ping the medium, unless it owes an answer."""
+        if self._asked is None:
+            self._asked = Patience(time.monotonic())
+            self._put_positions(seal(Kind.PING, 0))
 
     def _end(self) -> Stop | None:
         core, messages = self._core, self._gather.messages
@@ -321,6 +335,7 @@ class Shell:
                     self._drop(f"answer of {_name(node)}", error)
         elif key == self._done_key and not data:
             self._asked = None
+            self._pongs += 1
         elif key == self._done_key and data is not None:
             done = Done.decode(data)
             if done.tick == self._gather.tick:
@@ -343,6 +358,8 @@ class Shell:
         if left and tick == self._gather.tick:
             # It died, or was given up, a moment after it had answered: the medium may have heard this before it knew.
             self._gather.keep(node, message)
+            if not seated and self._leaving[node][1] == "unresponsive" and self._attendance.token(node):
+                self._refuse(node, token)  # another process took its place meanwhile
         if seated and (tick != self._gather.tick or not self._gather.add(node, message)):
             self._attendance.heard(node, token)
 
@@ -408,9 +425,10 @@ class Shell:
 
     def _await_answer(self) -> None:
         """Stay until the medium has the stop: the end of the token would overtake what was put before it."""
-        patience, message = Patience(time.monotonic()), None
-        while message != (self._done_key, b"") and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
+        patience, owed = Patience(time.monotonic()), 1 if self._asked is None else 2
+        while owed and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
             message = self._mailbox.get(Patience.SLICE_S)
+            owed -= message == (self._done_key, b"")
             if message is None and not self._session.connected():
                 return
 

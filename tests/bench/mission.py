@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 import deploy
+from deploy.collector import collect_rarely
 from deploy.scenario import load
 from deploy.simulation import Observer, Simulation
 from tests.bench.meter import Meter
@@ -83,6 +84,7 @@ def simulated(scenario: str, robots: int, simulated_s: float, *, seed: int = 1) 
     setup = load(scenario, {"robots": robots, "duration_s": simulated_s, "seed": seed})
     degree = Degree(setup.radius_m)
     simulation = Simulation(setup, Observer(snapshot=degree.add))
+    collect_rarely()
     ticks_s: list[float] = []
     cpu_s, over = time.process_time(), False
     while not over:
