@@ -14,7 +14,7 @@ LEFT_TO_PYTHON = (
 )
 
 
-def cores() -> list[str]:
+def modules() -> list[str]:
     """The modules that a tick runs through."""
     names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
@@ -34,7 +34,7 @@ def extensions(what: str) -> list[Extension]:
     if what == "all":
         from mypyc.build import mypycify
 
-        found += mypycify(cores(), opt_level="3", debug_level="0")
+        found += mypycify(modules(), opt_level="3", debug_level="0")
     return found
 
 

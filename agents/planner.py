@@ -106,7 +106,7 @@ class Planner:
             self._graph = WalkableGraph(own_map)
         self._known = np.zeros(own_map.geometry.size, np.uint8)
         self._discovered: list[NDArray[np.int64]] = []
-        """Cells in the order in which they became known as free."""
+        """Cells in the order in which they became known as free; where there is a graph, they are its nodes."""
         self._seen = 0
         """Changes of the map that are in there."""
 
@@ -118,8 +118,12 @@ class Planner:
         self._discover()
         if self._map.cells[cell] == FREE:
             return cell
-        self._discovered = [np.concatenate(self._discovered)]
-        free = self._discovered[0][self._map.cells[self._discovered[0]] == FREE]
+        if self._graph is not None:
+            discovered = self._graph.cells
+        else:
+            discovered = np.concatenate(self._discovered)
+            self._discovered = [discovered]
+        free = discovered[self._map.cells[discovered] == FREE]
         cols = self._map.geometry.cols
         row, col = divmod(cell, cols)
         rows_of, cols_of = np.divmod(free, cols)
@@ -135,16 +139,16 @@ class Planner:
         return reach.path(cell) if reach.length_m(cell) < math.inf else []
 
     def _discover(self) -> None:
+        if self._graph is not None:
+            self._graph.update()
+            return
+        assert kernels is not None
         changed, self._seen = self._map.changes(self._seen)
         if not changed.size:
             return
-        if kernels is not None:
-            new = kernels.newly_free(changed, self._map.cells, self._known)
-            new.sort()
-        else:
-            new = np.unique(changed[(self._map.cells[changed] == FREE) & (self._known[changed] == 0)])
-            self._known[new] = 1
+        new = kernels.newly_free(changed, self._map.cells, self._known)
         if new.size:
+            new.sort()
             self._discovered.append(new)
 
     def _search(self, source: int, limit_m: float, until: int) -> Reach:

@@ -24,7 +24,7 @@ _SIDES: Final = ((4, 0, 2), (5, 1, 2), (6, 0, 3), (7, 1, 3))
 
 
 class WalkableGraph:
-    """Nodes and edges, brought up to date when somebody asks."""
+    """Nodes and edges, as of the last `update`."""
 
     def __init__(self, own_map: OwnMap) -> None:
         self._map = own_map
@@ -38,7 +38,8 @@ class WalkableGraph:
         self._padded_node = np.full((g.rows + 2) * self._width, _NO_NODE, np.int32)
         self._mark = np.zeros(len(self._padded_node), bool)
         self._node_of = np.full(g.size, _NO_NODE, np.int32)
-        self._cells: NDArray[np.int64] = np.zeros(0, np.int64)
+        self.cells: NDArray[np.int64] = np.zeros(0, np.int64)
+        """The cells of the nodes, in the order in which they became known as free; some are walls by now."""
         self._ends: NDArray[np.int32] = np.zeros((0, 8), np.int32)
         self._cost_m: NDArray[np.float64] = np.zeros((0, 8))
         self._seen = 0
@@ -46,12 +47,11 @@ class WalkableGraph:
 
     def lengths_m(self, source: int, limit_m: float) -> NDArray[np.float64]:
         """Path length from a known free cell to every cell; infinite beyond `limit_m` and where no path leads."""
-        self._update()
-        n = len(self._cells)
+        n = len(self.cells)
         indptr = np.arange(0, 8 * n + 1, 8, dtype=np.int32)
         graph = csr_array((self._cost_m.ravel(), self._ends.ravel(), indptr), shape=(n, n))
         lengths = np.full(len(self._node_of), math.inf)
-        lengths[self._cells] = dijkstra(graph, indices=int(self._node_of[source]), limit=limit_m)
+        lengths[self.cells] = dijkstra(graph, indices=int(self._node_of[source]), limit=limit_m)
         return lengths
 
     def _padded(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -68,7 +68,8 @@ class WalkableGraph:
         self._mark[ordered] = False
         return ordered
 
-    def _update(self) -> None:
+    def update(self) -> None:
+        """Take in what has changed in the map: before every question."""
         changed, self._seen = self._map.changes(self._seen)
         if not changed.size:
             return
@@ -81,12 +82,12 @@ class WalkableGraph:
         lost = lost[self._padded_node[self._padded(lost)] != _NO_NODE]
         if not new.size and not lost.size:
             return
-        first = len(self._cells)
+        first = len(self.cells)
         nodes = np.arange(first, first + len(new), dtype=np.int32)
         self._node_of[new] = nodes
         self._padded_node[self._padded(new)] = nodes
         self._padded_node[self._padded(lost)] = _NO_NODE
-        self._cells = np.concatenate((self._cells, new))
+        self.cells = np.concatenate((self.cells, new))
         self._ends = np.concatenate((self._ends, np.zeros((len(new), 8), np.int32)))
         self._cost_m = np.concatenate((self._cost_m, np.zeros((len(new), 8))))
         self._link(np.concatenate((new, lost)))
