@@ -10,7 +10,6 @@ LEFT_TO_PYTHON = (
     "compiled.py",
     "config.py",  # pydantic reads these classes
     "floor_plan.py",
-    "grid.py",  # travels to child processes by pickle
 )
 
 

@@ -15,7 +15,7 @@ from world.messages import NOBODY, Cls, Mode
 Place = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class Action:
     """A policy's decision for one tick."""
 
@@ -24,11 +24,29 @@ class Action:
     cls: Cls
     target_m: Place
     """Announced to all."""
-    msr: int = NOBODY
-    hold: int = NOBODY
+    msr: int
+    hold: int
     """Announced to neighbors."""
-    need: bool = False
+    need: bool
     """Announced to all."""
+
+    def __init__(
+        self,
+        velocity_m_s: tuple[float, float],
+        mode: Mode,
+        cls: Cls,
+        target_m: Place,
+        msr: int = NOBODY,
+        hold: int = NOBODY,
+        need: bool = False,
+    ) -> None:
+        self.velocity_m_s = velocity_m_s
+        self.mode = mode
+        self.cls = cls
+        self.target_m = target_m
+        self.msr = msr
+        self.hold = hold
+        self.need = need
 
 
 class Body:

@@ -91,6 +91,11 @@ class ForwardingTable:
         """Whether a known destination announced its need (policy scout)."""
         return bool(self._inherent[dst][0] & _NEED_BIT)
 
+    def shape(self) -> tuple[dict[int, int], list[int], list[int]]:
+        """What seldom changes: next hops, hop counts and classes."""
+        hops = [freshness & 255 for freshness in self.freshness.values()]
+        return self.next_hop.copy(), hops, [inherent[0] & _CLS_BIT for inherent in self._inherent.values()]
+
     def search_robots(self) -> list[int]:
         """Other SRs to which there is a route, ascending (paper, II-A.3: the SRs in the network)."""
         me, inherent = self.node, self._inherent
@@ -107,8 +112,12 @@ class ForwardingTable:
         self, dst: int, cls: int, at_m: tuple[float, float], target_m: tuple[float, float], *, need: bool = False
     ) -> None:
         """Write the SRRC elements of one entry."""
+        flags = cls | _NEED_BIT * need
+        if kernels is not None:
+            self._inherent[dst] = kernels.inherent(flags, *at_m, *target_m, _PER_METRE)
+            return
         places = [round(_PER_METRE * value) for value in (*at_m, *target_m)]
-        self._inherent[dst] = _INHERENT.pack(cls | _NEED_BIT * need, *places)
+        self._inherent[dst] = _INHERENT.pack(flags, *places)
 
     def merge(self, sender: int, rows: bytes, before: dict[int, int], sticky: int) -> int:
         """Take over what one neighbor advertised.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,8 @@ def kind_of(payload: bytes) -> int:
     return payload[1]
 
 
-class Update(NamedTuple):
+@dataclass(slots=True, init=False)
+class Update:
     """A routing update, broadcast every tick: the whole table, and what is for neighbors only."""
 
     nms: int
@@ -53,18 +54,24 @@ class Update(NamedTuple):
     acks: bytes
     """A run of ACK that goes with the MS's entry."""
 
-    def encode(self) -> bytes:
-        return pack((UPDATE, *self))
+    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes) -> None:
+        self.nms = nms
+        self.hold = hold
+        self.map_version = map_version
+        self.rows = rows
+        self.acks = acks
 
-    @classmethod
-    def decode(cls, data: bytes) -> Update:
+    def encode(self) -> bytes:
+        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
+
+    @staticmethod
+    def decode(data: bytes) -> Update:
         _, nms, hold, version, rows, acks = unpack(data, 6)
         if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
             raise WireError("table and acknowledgements are raw columns")
-        integer(nms, NOBODY, MAX_NODE)
-        integer(hold, NOBODY, MAX_NODE)
-        integer(version, 0, MAX_TICK)
-        return cls(nms, hold, version, rows, acks)
+        return Update(
+            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +126,7 @@ def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
     return values
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class MapChunk:
     """The MS's map changes number `first` .. `first` + n - 1, on their way down."""
 
@@ -127,15 +134,20 @@ class MapChunk:
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
 
+    def __init__(self, first: int, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+        self.first = first
+        self.cells = cells
+        self.values = values
+
     def encode(self) -> bytes:
         cells = self.cells.astype(_U4, copy=False).tobytes()
         return pack((MAP_CHUNK, self.first, cells, self.values.astype(_I1, copy=False).tobytes()))
 
-    @classmethod
-    def decode(cls, data: bytes) -> MapChunk:
+    @staticmethod
+    def decode(data: bytes) -> MapChunk:
         _, first, cells, values = unpack(data, 4)
         indices = column(cells, _U4)
-        return cls(integer(first, 0, MAX_TICK), indices, _cell_values(values, len(indices)))
+        return MapChunk(integer(first, 0, MAX_TICK), indices, _cell_values(values, len(indices)))
 
 
 @dataclass(frozen=True, slots=True)

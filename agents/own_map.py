@@ -139,6 +139,8 @@ class OwnMap:
     def is_frontier(self, index: int) -> bool:
         """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""
         cells, cols = self.cells, self.geometry.cols
+        if kernels is not None:
+            return bool(kernels.is_frontier(cells, cols, index))
         if cells[index] != FREE:
             return False
         col = index % cols

@@ -40,7 +40,8 @@ class Robot:
         self._victims_seen: set[int] = set()
         self.bad_frames = 0
         self._action = Action((0.0, 0.0), Mode.WAIT, Cls.SR, self.body.at)
-        self._shown: Table | None = None
+        self._shown: object = None
+        """Of the table that was shown last, all but the locations."""
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
         """One tick.
@@ -68,15 +69,15 @@ class Robot:
     def _sort(self, inbox: Inbox | None) -> list[Reception]:
         """Take in what is addressed to this robot; returns the routing updates, which are for everyone."""
         updates = []
-        for reception in inbox.receptions if inbox is not None else ():
+        for src, power, payload in inbox.receptions if inbox is not None else ():
             try:
-                kind = kind_of(reception.payload)
+                kind = kind_of(payload)
                 if kind == UPDATE:
-                    updates.append(reception)
+                    updates.append((src, power, payload))
                 elif kind == SCAN_REPORT:
-                    self.uplink.carry(reception.payload)
+                    self.uplink.carry(payload)
                 elif kind == MAP_CHUNK:
-                    self._take_map(MapChunk.decode(reception.payload))
+                    self._take_map(MapChunk.decode(payload))
                 else:
                     raise WireError(f"unknown kind {kind}")
             except WireError:
@@ -111,12 +112,12 @@ class Robot:
             return ()
         ms = router.ms
         update = Update(ms.nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
-        frames = [Frame(BROADCAST, update.encode())]
+        frames: list[Frame] = [(BROADCAST, update.encode())]
         if ms.nms != NOBODY:
-            frames += [Frame(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]
+            frames += [(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]
         else:
             self.uplink.drop_carried()
-        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, router.inv, router.neighbors)]
+        frames += self.downlink.due(tick, router.inv, router.neighbors)
         return tuple(frames)
 
     def _status(self, action: Action) -> Status:
@@ -129,18 +130,11 @@ class Robot:
 
     def table(self) -> Table | None:
         """Show the forwarding table for the recording, once a second at most; None if nothing but locations changed."""
-        tick, last = self.body.tick, self._shown
+        tick, router, msr = self.body.tick, self.body.router, self._action.msr
         if (tick + self.config.node) % _TABLE_INTERVAL_TICKS:
             return None
-        now = self.body.router.shown(tick, self._action.msr)
-        if (
-            last is not None
-            and now.msr == last.msr
-            and all(
-                np.array_equal(getattr(now, name), getattr(last, name))
-                for name in ("dst", "next_hop", "hop", "inv", "cls")
-            )
-        ):
+        shape = msr, router.inv, router.table.shape()
+        if shape == self._shown:
             return None
-        self._shown = now
-        return now
+        self._shown = shape
+        return router.shown(tick, msr)

@@ -7,14 +7,19 @@ a tick on together. So neither can come without the other: who has moved has als
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from bus.codec import WireError, integer, pack, unpack
+from bus.codec import WireError, head, integer, pack, unpack
 
 __all__ = ["Answer", "Moves", "Opening", "Turn"]
 
-_MOST: int = 2**31 - 1
+_MOST: Final = 2**31 - 1
+_TURN: Final = struct.Struct("<I")
+"""Length of the sense."""
+_ANSWER: Final = struct.Struct("<II")
+"""Tick, length of the transmission."""
 
 
 class Opening(NamedTuple):
@@ -40,41 +45,45 @@ class Opening(NamedTuple):
         return cls(positions, [(node, sense) for node, sense in senses])
 
 
-class Turn(NamedTuple):
+class Turn:
     """Medium -> node: it is its turn."""
 
-    sense: bytes
-    """As the world sealed it."""
-    inbox: bytes | None
-    """None if nothing was to be heard: the node takes part for the first time."""
+    def __init__(self, sense: bytes, inbox: bytes) -> None:
+        self.sense = sense
+        """As the world sealed it."""
+        self.inbox = inbox
+        """Empty if nothing was to be heard: the node takes part for the first time."""
 
     def encode(self) -> bytes:
-        return pack(self)
+        return _TURN.pack(len(self.sense)) + self.sense + self.inbox
 
-    @classmethod
-    def decode(cls, data: bytes) -> Turn:
-        sense, inbox = unpack(data, 2)
-        if not isinstance(sense, bytes) or not isinstance(inbox, bytes | None):
+    @staticmethod
+    def decode(data: bytes) -> Turn:
+        (length,) = head(_TURN, data)
+        end = _TURN.size + length
+        if end > len(data):
             raise WireError("a turn is a sense and an inbox")
-        return cls(sense, inbox)
+        return Turn(data[_TURN.size : end], data[end:])
 
 
-class Answer(NamedTuple):
+class Answer:
     """Node -> medium: what it says and does in a tick. The parts repeat the tick, and must agree with it."""
 
-    tick: int
-    transmission: bytes
-    motion: bytes
+    def __init__(self, tick: int, transmission: bytes, motion: bytes) -> None:
+        self.tick = tick
+        self.transmission = transmission
+        self.motion = motion
 
     def encode(self) -> bytes:
-        return pack(self)
+        return _ANSWER.pack(self.tick, len(self.transmission)) + self.transmission + self.motion
 
-    @classmethod
-    def decode(cls, data: bytes) -> Answer:
-        tick, transmission, motion = unpack(data, 3)
-        if not isinstance(transmission, bytes) or not isinstance(motion, bytes):
+    @staticmethod
+    def decode(data: bytes) -> Answer:
+        tick, length = head(_ANSWER, data)
+        end = _ANSWER.size + length
+        if tick > _MOST or end > len(data):
             raise WireError("an answer is a transmission and a motion")
-        return cls(integer(tick, 0, _MOST), transmission, motion)
+        return Answer(tick, data[_ANSWER.size : end], data[end:])
 
 
 class Moves(NamedTuple):

@@ -203,7 +203,7 @@ class Member(Generic[S, I]):
         if sense.first:
             self._turn = sense, None
             return
-        if turn.inbox is None:
+        if not turn.inbox:
             raise WireError("an inbox is missing")
         inbox = self._decode_inbox(turn.inbox)
         if inbox.tick != sense.tick:

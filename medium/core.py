@@ -50,41 +50,44 @@ class Medium:
         power, heard = self._propagation.received(positions.nodes, positions.xy_m)
         self._jam(positions, heard)
         loss = 1.0 - (1.0 - self._config.radio.loss) * (1.0 - positions.loss)
-        place = {node: k for k, node in enumerate(ids)}
         inboxes: dict[int, list[Reception]] = {node: [] for node in ids if node in transmissions}
-        for src in inboxes:
-            row = place[src]
-            level = power[row].tolist()
-            listeners = [(ids[k], level[k]) for k in np.flatnonzero(heard[row]).tolist() if ids[k] in inboxes]
+        for src, levels, hears in zip(ids, power.tolist(), heard.tolist(), strict=True):
+            if src not in inboxes:
+                continue
+            listeners = {
+                node: level
+                for node, level, hear in zip(ids, levels, hears, strict=True)
+                if hear and (len(inboxes) == len(ids) or node in inboxes)
+            }
             for frame in self._within_budget(transmissions[src].frames):
                 self._deliver(src, frame, listeners, inboxes, loss)
         return {node: Inbox(positions.tick + 1, tuple(heard_frames)) for node, heard_frames in inboxes.items()}
 
     def _deliver(
-        self,
-        src: int,
-        frame: Frame,
-        listeners: list[tuple[int, float]],
-        inboxes: dict[int, list[Reception]],
-        loss: float,
+        self, src: int, frame: Frame, listeners: dict[int, float], inboxes: dict[int, list[Reception]], loss: float
     ) -> None:
-        for node, level in listeners:
-            if frame.dst in (BROADCAST, node) and (loss == 0.0 or self._random.random() >= loss):
-                inboxes[node].append(Reception(src, level, frame.payload))
+        """Hand a frame to those it is for, of `listeners` and how loud they hear it, ascending."""
+        dst, payload = frame
+        if dst != BROADCAST:
+            listeners = {dst: listeners[dst]} if dst in listeners else {}
+        for node, level in listeners.items():
+            if loss == 0.0 or self._random.random() >= loss:
+                inboxes[node].append((src, level, payload))
                 self.delivered += 1
 
     def _within_budget(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
         """The frames that the sender's bandwidth lets out in one tick, in its order; the rest is rejected."""
         if self._budget_bytes is not None:
             left = self._budget_bytes
-            for k, frame in enumerate(frames):
-                left -= len(frame.payload)
+            for k, (_, payload) in enumerate(frames):
+                left -= len(payload)
                 if left < 0:
                     self.reject(len(frames) - k)
                     frames = frames[:k]
                     break
         self.sent += len(frames)
-        self.sent_bytes += sum(len(f.payload) for f in frames)
+        for _, payload in frames:
+            self.sent_bytes += len(payload)
         return frames
 
     def reject(self, frames: int) -> None:

@@ -158,7 +158,7 @@ class Shell:
             put = self._put_rx.get(node)
             if put is None:
                 put = self._put_rx[node] = self._session.publisher(self._session.keys.rx(node), blocking=True)
-            put(Turn(sense, inboxes.get(node)).encode())
+            put(Turn(sense, inboxes.get(node, b"")).encode())
         self._phases.mark("encode")
         self._step_if_complete()
 

@@ -61,13 +61,13 @@ class Station:
 
     def _sort(self, inbox: Inbox | None) -> tuple[list[ScanReport], list[Reception]]:
         reports, updates = [], []
-        for reception in inbox.receptions if inbox is not None else ():
+        for src, power, payload in inbox.receptions if inbox is not None else ():
             try:
-                kind = kind_of(reception.payload)
+                kind = kind_of(payload)
                 if kind == UPDATE:
-                    updates.append(reception)
+                    updates.append((src, power, payload))
                 elif kind == SCAN_REPORT:
-                    reports.append(ScanReport.decode(reception.payload))
+                    reports.append(ScanReport.decode(payload))
                 else:
                     raise WireError(f"unknown kind {kind}")
             except WireError:
@@ -103,8 +103,8 @@ class Station:
         if tick < router.quiet_until:
             return ()
         update = Update(NOBODY, NOBODY, self.downlink.version, router.table.advertised(), self.merger.acks())
-        frames = [Frame(BROADCAST, update.encode())]
-        frames += [Frame(child, chunk) for child, chunk in self.downlink.due(tick, router.inv, router.neighbors)]
+        frames: list[Frame] = [(BROADCAST, update.encode())]
+        frames += self.downlink.due(tick, router.inv, router.neighbors)
         return tuple(frames)
 
     def view(self) -> StationView:

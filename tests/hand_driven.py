@@ -46,7 +46,7 @@ class Run:
         self.status = {n: status(n) for n in range(1, made.robots + 1)}
         last = made.robots
         if last:
-            self.status[last] = self.status[last]._replace(cls=Cls.SR)
+            self.status[last] = dataclasses.replace(self.status[last], cls=Cls.SR)
         self.velocity: dict[int, tuple[float, float]] = {}
         self.begun: list[Begin] = []
         self.ended: list[End] = []

@@ -83,7 +83,7 @@ class Field:
             update = Update(router.ms.nms, NOBODY, 0, router.table.advertised(), b"").encode()
             for other in present:
                 if self.linked(k, other) and self.rng.random() >= self.loss:
-                    heard[other].append(Reception(k, power_dbm(math.dist(self.places[k], self.places[other])), update))
+                    heard[other].append((k, power_dbm(math.dist(self.places[k], self.places[other])), update))
         # What a paused node would have heard is lost.
         self.inboxes = heard
         self.tick += 1

@@ -54,7 +54,7 @@ class Speaker:
 
     def _frames(self, inbox: Inbox | None) -> tuple[Frame, ...]:
         heard = len(inbox.receptions) if inbox is not None else 0
-        return (Frame(BROADCAST, bytes([self._incarnation, heard])),)
+        return ((BROADCAST, bytes([self._incarnation, heard])),)
 
     def table(self) -> None:
         """Show nothing."""

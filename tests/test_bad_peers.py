@@ -14,7 +14,7 @@ from agents.messages import MapChunk, ScanReport, Update
 from agents.robot import Robot
 from bus.codec import pack
 from deploy.scenario import load
-from medium.messages import Inbox, Reception
+from medium.messages import Inbox
 from monitor_station.core import Station
 from world.messages import NOBODY, STATION, Sense
 
@@ -62,7 +62,7 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     robot = Robot(scenario.robot_config(1), 0, 0)
     ranges = np.full(180, 5.0)
     for tick in range(LAST_TICK):
-        heard = [Reception(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(8), 3))]
+        heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(8), 3))]
         sense = Sense(tick, tick == 0, 0, 29.0, 36.0, ranges if tick % 5 == 0 else None)
         frames, motion = robot.step(sense, Inbox(tick, tuple(heard)) if tick else None)
         assert frames
@@ -81,7 +81,7 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
 def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int, nms: int, bad: int) -> None:
     robot = Robot(load("three_cells").robot_config(1), 0, 0)
     rows = ROW.pack(2, freshness_of(0, 0), bytes(18)) + ROW.pack(STATION, freshness, bytes(18))
-    heard = Reception(2, -60.0, Update(STATION, NOBODY, 0, rows, b"").encode())
+    heard = (2, -60.0, Update(STATION, NOBODY, 0, rows, b"").encode())
     for tick in range(LAST_TICK):
         robot.step(Sense(tick, tick == 0, 0, 28.0, 35.0), Inbox(tick, (heard,) if tick == 1 else ()) if tick else None)
         if tick == 1:
@@ -95,7 +95,7 @@ def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:
     rng = random.Random(seed)
     station = Station(load("three_cells").station_config(), 0, 0)
     for tick in range(LAST_TICK):
-        heard = [Reception(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(1, 8), 3))]
+        heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(1, 8), 3))]
         frames, report = station.step(
             Sense(tick, tick == 0, 0, 28.0, 35.0), Inbox(tick, tuple(heard)) if tick else None
         )

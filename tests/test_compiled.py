@@ -131,10 +131,11 @@ def test_walls_are_equal(
 def test_lines_are_equal(kernels: ModuleType, a: tuple[float, float], b: tuple[float, float], seed: int) -> None:
     own = OwnMap(robot_config())
     own.cells[:] = np.random.default_rng(seed).integers(-1, OCCUPIED + 1, own.cells.size)
+    asked = np.random.default_rng(seed).integers(0, own.cells.size, 50).tolist()
     with using(None):
-        expected = own.clear_line(*a, *b), own.obstacles(*a, *b)
+        expected = own.clear_line(*a, *b), own.obstacles(*a, *b), [own.is_frontier(cell) for cell in asked]
     with using(kernels):
-        assert (own.clear_line(*a, *b), own.obstacles(*a, *b)) == expected
+        assert (own.clear_line(*a, *b), own.obstacles(*a, *b), [own.is_frontier(cell) for cell in asked]) == expected
 
 
 @property_test
@@ -208,6 +209,22 @@ def test_merged_tables_are_equal(kernels: ModuleType, seed: int, sticky: int) ->
                 outcome = str(error)
             outcomes.append((outcome, table.freshness, table.next_hop, list(table.freshness), table.advertised()))
     assert outcomes[0] == outcomes[1]
+
+
+half_steps = st.integers(-(10**8), 10**8).map(lambda n: n / 200_000)
+
+
+@property_test
+@given(st.lists(st.one_of(half_steps, st.floats(-20_000.0, 20_000.0)), min_size=4, max_size=4), st.booleans())
+def test_what_a_robot_says_of_itself_is_equal(kernels: ModuleType, places: list[float], need: bool) -> None:
+    said = []
+    for module in (None, kernels):
+        table = ForwardingTable(1)
+        table.set_route(1, freshness_of(2, 0), 1)
+        with using(module):
+            table.set_inherent(1, 1, (places[0], places[1]), (places[2], places[3]), need=need)
+            said.append(table.advertised())
+    assert said[0] == said[1]
 
 
 def test_a_run_has_the_same_trace(kernels: ModuleType) -> None:

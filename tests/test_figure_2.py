@@ -16,7 +16,6 @@ from agents.dsdv import Router
 from agents.forwarding_table import freshness_of
 from agents.messages import Update
 from agents.srrc import Classifier, eligible_msrs, farthest_msr
-from medium.messages import Reception
 from tests.routing_field import power_dbm, router_config
 from world.messages import NOBODY, Cls
 
@@ -45,7 +44,7 @@ def robot_c() -> Router:
             other.table.set_route(dst, freshness_of(2 * (TICK - hop), hop), dst)
             other.table.set_inherent(dst, CLASS.get(dst, Cls.RR), LOCATION[dst], LOCATION[dst])
         update = Update(nms, NOBODY, 0, other.table.advertised(), b"").encode()
-        heard.append(Reception(node, power_dbm(math.dist(LOCATION[node], LOCATION[C])), update))
+        heard.append((node, power_dbm(math.dist(LOCATION[node], LOCATION[C])), update))
     router.step(TICK, heard)
     router.announce_self(TICK, LOCATION[C], Cls.RR, LOCATION[C])
     return router

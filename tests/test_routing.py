@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from agents.dsdv import Router
 from agents.messages import Update
-from medium.messages import Reception
 from tests.routing_field import Field, power_dbm, router_config
 from world.messages import NOBODY, STATION, UNREACHABLE, Cls
 
@@ -158,7 +157,7 @@ def test_equal_hop_counts_do_not_flap() -> None:
             other.announce_self(tick, (0.0, 5.0), Cls.SR, (0.0, 0.0))
             other.table.set_route(7, 2 * tick * 256 + 255 - 3, 9)
             other.table.set_inherent(7, Cls.SR, (1.0, 1.0), (1.0, 1.0))
-            offers.append(Reception(neighbor, power_dbm(5.0), update_of(other, NOBODY)))
+            offers.append((neighbor, power_dbm(5.0), update_of(other, NOBODY)))
         # Node 3 alone at first, then 2 as well, whose id is lower.
         me.step(tick, offers[1:] if tick < 5 else offers)
         assert me.table.next_hop[7] == 3
@@ -186,7 +185,7 @@ def test_a_malformed_update_is_counted_and_the_others_still_count(spoil) -> None
         router.announce_self(1, (0.0, 0.0), Cls.SR, (0.0, 0.0))
     raw = update_of(bad, NOBODY)
     assert spoil(raw) != raw
-    heard = [Reception(2, -50.0, update_of(good, NOBODY)), Reception(3, -50.0, spoil(raw))]
+    heard = [(2, -50.0, update_of(good, NOBODY)), (3, -50.0, spoil(raw))]
     me.step(2, heard)
     assert me.bad_frames == 1
     assert sorted(me.neighbors.by_id) == [2]

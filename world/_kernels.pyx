@@ -438,3 +438,35 @@ def advertised(dict known, dict inherent_of):
         memcpy(raw + 10, PyBytes_AS_STRING(inherent_of[<object>key]), INHERENT)
         raw += ROW
     return rows
+
+
+def inherent(int flags, double x_m, double y_m, double target_x_m, double target_y_m, double per_metre):
+    """agents.forwarding_table.ForwardingTable.set_inherent: what a destination says of itself, as it travels."""
+    cdef bytes packed = PyBytes_FromStringAndSize(NULL, INHERENT)
+    cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(packed)
+    cdef double places[4]
+    cdef double place
+    cdef int32_t whole
+    cdef int k, byte
+    places[:] = [x_m, y_m, target_x_m, target_y_m]
+    raw[0] = flags & 255
+    raw[1] = flags >> 8 & 255
+    for k in range(4):
+        place = rint(per_metre * places[k])
+        if not fabs(place) <= 2147483647.0:
+            raise OverflowError("a place lies farther away than 21 km")
+        whole = <int32_t>place
+        for byte in range(4):
+            raw[2 + 4 * k + byte] = whole >> 8 * byte & 255
+    return packed
+
+
+def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
+    """agents.own_map.OwnMap.is_frontier"""
+    cdef Py_ssize_t col = index % cols
+    return cells[index] == 0 and (
+        (col > 0 and cells[index - 1] == -1)
+        or (col < cols - 1 and cells[index + 1] == -1)
+        or (index >= cols and cells[index - cols] == -1)
+        or (index + cols < cells.shape[0] and cells[index + cols] == -1)
+    )

@@ -24,6 +24,10 @@ class GridGeometry:
     """x of the lower-left corner of cell (0, 0)."""
     y0_m: float = 0.0
 
+    def __reduce__(self) -> tuple[type[GridGeometry], tuple[int, int, float, float, float]]:
+        """Travel to another process: compiled classes do not by themselves."""
+        return GridGeometry, (self.rows, self.cols, self.resolution_m, self.x0_m, self.y0_m)
+
     @property
     def size(self) -> int:
         return self.rows * self.cols

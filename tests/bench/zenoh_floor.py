@@ -12,7 +12,7 @@ from bus.access import Login, credentials, user_name, users_of
 from bus.member import Member
 from bus.session import Session, free_endpoint
 from deploy.supervisor import Supervisor
-from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
+from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
 from world.config import Fault, WorldConfig
@@ -93,7 +93,7 @@ class _Medium:
     """Hands every node the same inbox."""
 
     def __init__(self, pattern: Pattern) -> None:
-        self._heard = tuple(Reception(1, -40.0, bytes(pattern.frame_bytes)) for _ in range(pattern.heard))
+        self._heard = tuple((1, -40.0, bytes(pattern.frame_bytes)) for _ in range(pattern.heard))
 
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]:
         return {node: Inbox(positions.tick + 1, self._heard) for node in transmissions}
@@ -110,7 +110,7 @@ class _Node:
 
     def __init__(self, pattern: Pattern, node: int) -> None:
         self._node = node
-        self._frames = (Frame(BROADCAST, bytes(pattern.frame_bytes)),)
+        self._frames = ((BROADCAST, bytes(pattern.frame_bytes)),)
 
     def step(self, sense: Sense) -> tuple[tuple[Frame, ...], Motion | Report]:
         if self._node == STATION:
