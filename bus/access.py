@@ -142,6 +142,7 @@ def host_config(run: str, endpoint: str, users: Iterable[str], dictionary_file: 
         "timestamping": {"enabled": False},
         "transport": {
             "shared_memory": {"enabled": False},
+            "unicast": {"lowlatency": True, "qos": {"enabled": False}},
             "auth": {"usrpwd": {"dictionary_file": str(dictionary_file)}},
         },
         "access_control": rules(run, users),

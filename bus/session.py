@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import socket
 import tempfile
 from collections.abc import Callable, Mapping
@@ -23,21 +22,18 @@ from zenoh.handlers import Callback
 
 from bus.access import Login, credentials, dictionary, host_config
 from bus.keys import Keys, Token
+from bus.mailbox import Mailbox, Message, Put, in_parts
 
 __all__ = [
     "BusError", "Login", "Mailbox", "Message", "Put", "Session", "credentials", "free_endpoint", "new_token",
     "port_of", "require_free",
 ]  # fmt: skip
 
-Put = Callable[[bytes], None]
-Message = tuple[str, bytes | None]
-"""(key, payload); None as the payload says that the token of that key is gone."""
-
 _OPEN_TIMEOUT_S: Final = 20.0
 
-_CLIENT_THREADS: Final = "(rx: (worker_threads: 1))"
-"""Zenoh's own setting. A client reads one socket: a second reader only adds switches between threads (7 % of the
-processor time of a tick with 9 robots)."""
+_CLIENT_THREADS: Final = "(rx: (handover: app), app: (worker_threads: 1))"
+"""Zenoh's own setting. A client reads one socket: that who waits for it also reads it spares a switch between threads
+for every message."""
 
 _ROUTER_THREADS: Final = "(rx: (worker_threads: 2))"
 """Zenoh's default: one reader may wait for a receiver that is slow while the other goes on."""
@@ -88,27 +84,6 @@ def new_token(role: str, node: int = 0) -> Token:
     return Token(role, node, int.from_bytes(os.urandom(4), "big"))
 
 
-class Mailbox:
-    """A queue of messages that any number of subscriptions fill and one thread empties."""
-
-    __slots__ = ("_samples", "put")
-
-    def __init__(self) -> None:
-        self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self.put = self._samples.put
-        """Puts a `Message` from this process."""
-
-    def get(self, timeout_s: float) -> Message | None:
-        """The next message, or None if none came within `timeout_s` (wall time)."""
-        try:
-            sample = self._samples.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-        if type(sample) is tuple:
-            return sample
-        return str(sample.key_expr), sample.payload.to_bytes()
-
-
 class Session:
     """An open session and the keys of its run."""
 
@@ -119,8 +94,15 @@ class Session:
         self._kept: list[object] = []
 
     @classmethod
-    def connect(cls, login: Login, *, timeout_s: float = _OPEN_TIMEOUT_S) -> Session:
+    def connect(cls, login: Login, *, watching: bool = False, timeout_s: float = _OPEN_TIMEOUT_S) -> Session:
         """Log in to a router, which may still be starting.
+
+        Args:
+            login: whose, and where.
+            watching: this session takes no part in the ticks, and nobody waits for it: what it is too slow for is
+                dropped. To any other session the sender writes itself, without a queue and a thread between (a sixth
+                less processor time per tick), and waits when it is slow.
+            timeout_s: how long to try.
 
         Raises:
             BusError: no router answered within `timeout_s`, or it refused the user or the password.
@@ -137,6 +119,7 @@ class Session:
             "timestamping": {"enabled": False},
             "transport": {
                 "shared_memory": {"enabled": False},
+                "unicast": {"lowlatency": not watching, "qos": {"enabled": False}},
                 "auth": {"usrpwd": {"user": login.user, "password": login.password}},
             },
         }
@@ -166,13 +149,13 @@ class Session:
 
         Args:
             key: full key, no wildcards.
-            blocking: a lockstep message: goes out at once, and waits when the receiver is slow. Others may wait for
-                company, up to a millisecond, and are dropped when the receiver is slow.
+            blocking: a lockstep message: goes out at once, and waits when the receiver is slow. Others are dropped
+                when a receiver that is only watching is slow.
         """
         control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
         publisher = self._session.declare_publisher(key, congestion_control=control, express=blocking)
         self._kept.append(publisher)
-        return publisher.put
+        return in_parts(publisher.put)
 
     def subscribe(self, mailbox: Mailbox, *keys: str) -> None:
         """Let everything put on `keys` (wildcards allowed) flow into a mailbox."""

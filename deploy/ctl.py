@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (OSError, ValueError, KeyError) as error:
         return _refuse(f"no run is under way in {folder}: {error}")
     try:
-        session = Session.connect(login, timeout_s=5.0)
+        session = Session.connect(login, watching=True, timeout_s=5.0)
         try:
             answer = session.ask(session.keys.control, question(options.command))
         finally:

@@ -244,7 +244,7 @@ class Emulation:
             if time.monotonic() > deadline:
                 raise EmulationError(f"no run within {_START_S:g} s: {self._tail()}")
             with contextlib.suppress(FileNotFoundError, BusError):
-                self._session = Session.connect(read_operator(self.folder))
+                self._session = Session.connect(read_operator(self.folder), watching=True)
                 continue
             time.sleep(_SLICE_S)
         keys = self._session.keys

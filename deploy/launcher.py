@@ -195,7 +195,7 @@ class Launcher:
 
         def connect() -> None:
             try:
-                opened.append(Session.connect(self._logins["operator"]))
+                opened.append(Session.connect(self._logins["operator"], watching=True))
             except BusError as error:
                 opened.append(error)
             supervisor.wake()

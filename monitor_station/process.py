@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
@@ -17,8 +18,8 @@ import msgpack
 from agents.messages import Table
 from bus.codec import WireError
 from bus.lockstep import unbatch
-from bus.member import END, Member, exit_status
-from bus.session import Login, Mailbox
+from bus.member import END, LATE_STOP_S, Member, exit_status
+from bus.session import Login, Mailbox, Message, Session
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
@@ -71,7 +72,7 @@ class Shell:
     """What moves bytes around a station core."""
 
     def __init__(self, config: StationConfig, login: Login, out: Path) -> None:
-        self._config, self._out = config, out
+        self._config, self._login, self._out = config, login, out
         self._journal: IO[bytes] | None = None
         self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
         session = self._member.session
@@ -83,7 +84,7 @@ class Shell:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda *_: self._member.mailbox.put(END))
         if recorder is not None:
-            self._screen = Screen(self._member, recorder, next_part(self._out), live_port)
+            self._screen = Screen(self._login, self._member, recorder, next_part(self._out), live_port)
         try:
             self._ticks()
         finally:
@@ -97,8 +98,10 @@ class Shell:
     def _ticks(self) -> None:
         member = self._member
         station: Station | None = None
+        last = -1
         while (turn := member.turn()) is not None:
             sense, inbox = turn
+            last = sense.tick
             if station is None:
                 station = self._start(sense)
             frames, report = station.step(sense, inbox)
@@ -108,6 +111,8 @@ class Shell:
             if self._screen is not None:
                 self._screen.show(station)
                 member.phases.mark("recording")
+        if self._screen is not None:
+            self._screen.catch_up(last)
         if station is not None:
             save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
         counts = station.final() if station is not None else {}
@@ -133,41 +138,68 @@ class Shell:
 
 
 class Screen:
-    """Feeds the recorder: the station's own view, and what world and robots tell for the recording only."""
+    """Feeds the recorder: the station's own view, and what world and robots tell for the recording only.
 
-    def __init__(self, member: Member[Sense, Inbox], config: RecorderConfig, path: Path, live_port: int | None) -> None:
+    That comes by a session of its own: a station that hangs must not stop those who tell it.
+    """
+
+    def __init__(
+        self,
+        login: Login,
+        member: Member[Sense, Inbox],
+        config: RecorderConfig,
+        path: Path,
+        live_port: int | None,
+    ) -> None:
         # Only a station that records needs Rerun.
         from monitor_station.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._mailbox = Mailbox()
-        keys = member.session.keys
+        self._session = Session.connect(login, watching=True)
+        keys = self._session.keys
         self._feed, self._event, self._node_of = keys.feed, keys.event, keys.node_of
         self._drop: Callable[[str, WireError], None] = member.drop
-        member.session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
+        self._tick = -1
+        """Of the last snapshot."""
+        self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
 
     def show(self, station: Station) -> None:
         """Record one tick and whatever has come in meanwhile."""
         self._recorder.station(station.view())
         self._drain()
 
+    def catch_up(self, tick: int) -> None:
+        """Record what is still under way, up to the snapshot of a tick, unless it was lost."""
+        until_s = time.monotonic() + LATE_STOP_S
+        while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0:
+            self._record(self._mailbox.get(left_s))
+
     def close(self) -> None:
-        """Record what is still under way, and close the file."""
+        """Close the file."""
+        self._session.close()
         self._drain()
         self._recorder.close()
 
     def _drain(self) -> None:
         while (message := self._mailbox.get(0.0)) is not None:
-            key, data = message
-            try:
-                self._take(key, data or b"")
-            except WireError as error:
-                self._drop(key, error)
+            self._record(message)
+
+    def _record(self, message: Message | None) -> None:
+        if message is None:
+            return
+        key, data = message
+        try:
+            self._take(key, data or b"")
+        except WireError as error:
+            self._drop(key, error)
 
     def _take(self, key: str, data: bytes) -> None:
         if key == self._feed:
-            for snapshot in unbatch(data):
-                self._recorder.snapshot(Snapshot.decode(snapshot))
+            for packed in unbatch(data):
+                snapshot = Snapshot.decode(packed)
+                self._recorder.snapshot(snapshot)
+                self._tick = snapshot.tick
         elif key == self._event:
             self._recorder.event(Event.decode(data))
         else:

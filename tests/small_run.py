@@ -162,7 +162,7 @@ class SmallRun:
         for node in range(1, self.world.robots + 1):
             if node != absent:
                 self.start_robot(node)
-        self._operator = session = Session.connect(self.logins["operator"])
+        self._operator = session = Session.connect(self.logins["operator"], watching=True)
         session.subscribe(self._mailbox, session.keys.final("*"), session.keys.feed)
         session.subscribe(self._mailbox, session.keys.event, session.keys.signal)
         self._start("world", world_process, self.world, self.logins["world"])

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
+import os
+import random
+import signal
 from collections.abc import Iterator
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import pytest
@@ -130,6 +135,39 @@ def test_robot_cannot_command_the_world_but_the_operator_can(bus: Bus) -> None:
     with pytest.raises(BusError):
         bus.robot.ask(control, "hold", timeout_s=SILENCE_S)
     assert bus.login("operator").ask(control, "hold") == "HOLD"
+
+
+def test_a_message_longer_than_a_link_takes_comes_whole(bus: Bus) -> None:
+    message = random.Random(1).randbytes(3_000_000)
+    bus.robot.publisher(bus.keys.tx(4), blocking=True)(message)
+    assert bus.arrives(bus.at_medium, bus.keys.tx(4), message)
+
+
+def _watch(login: Login, ready: Event) -> None:
+    session, mailbox = Session.connect(login, watching=True), Mailbox()
+    session.subscribe(mailbox, session.keys.table("*"))
+    ready.set()
+    while mailbox.get(60.0) is not None:
+        pass
+
+
+def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
+    context = multiprocessing.get_context("spawn")
+    ready = context.Event()
+    watcher = context.Process(target=_watch, args=(bus.logins["station"], ready), daemon=True)
+    watcher.start()
+    try:
+        assert ready.wait(30.0)
+        assert watcher.pid is not None
+        os.kill(watcher.pid, signal.SIGSTOP)
+        put = bus.robot.publisher(bus.keys.table(4), blocking=False)
+        for _ in range(2000):  # 40 MB, more than any buffer holds
+            put(bytes(20_000))
+        bus.robot.publisher(bus.keys.tx(4), blocking=True)(b"answer")
+        assert bus.arrives(bus.at_medium, bus.keys.tx(4), b"answer")
+    finally:
+        watcher.kill()
+        watcher.join()
 
 
 def test_stranger_and_wrong_password_are_refused(bus: Bus) -> None:

@@ -141,7 +141,7 @@ class Running:
             if self.session is None:
                 told = json.loads((self.out / "operator.json").read_text())
                 login = Login(told["run"], told["endpoint"], told["user"], told["password"])
-                self.session = Session.connect(login, timeout_s=10)
+                self.session = Session.connect(login, watching=True, timeout_s=10)
             answer = self.session.ask(self.session.keys.control, "status", timeout_s=2)
         except (FileNotFoundError, BusError):
             return None

@@ -1,0 +1,82 @@
+"""Messages on their way out of a session and in, whole: what is longer than a link takes at once travels in parts.
+
+Zenoh's low-latency links lose a message of more than about 48 kB, for they have no fragments. A part tells by its
+attachment to which message it belongs, and which part it is. It may have been dropped on the way; then the message is.
+"""
+
+from __future__ import annotations
+
+import queue
+import random
+import struct
+from collections.abc import Callable
+from typing import Any, Final
+
+__all__ = ["PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
+
+Put = Callable[[bytes], None]
+Message = tuple[str, bytes | None]
+"""(key, payload); None as the payload says that the token of that key is gone."""
+
+PART_BYTES: Final = 32_768
+_MOST_PARTS: Final = 4096
+_MARK: Final = struct.Struct("<III")
+"""Message (a random number), part, parts."""
+
+
+def in_parts(put: Callable[..., None]) -> Put:
+    """A way to put messages of any length with Zenoh's `put`."""
+
+    def send(data: bytes) -> None:
+        if len(data) <= PART_BYTES:
+            put(data)
+            return
+        message, parts = random.getrandbits(32), -(-len(data) // PART_BYTES)
+        for part in range(parts):
+            start = part * PART_BYTES
+            put(data[start : start + PART_BYTES], attachment=_MARK.pack(message, part, parts))
+
+    return send
+
+
+class Mailbox:
+    """A queue of messages that any number of subscriptions fill and one thread empties."""
+
+    def __init__(self) -> None:
+        self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._begun: dict[str, tuple[int, list[bytes]]] = {}
+        """By key: the message whose first parts are there."""
+        self.put = self._samples.put
+        """Puts a `Message` from this process, or one of Zenoh's samples."""
+
+    def get(self, timeout_s: float) -> Message | None:
+        """The next message, or None if nothing came within `timeout_s` (wall time)."""
+        while True:
+            try:
+                sample = self._samples.get(timeout=timeout_s)
+            except queue.Empty:
+                return None
+            if type(sample) is tuple:
+                return sample
+            key, data = str(sample.key_expr), sample.payload.to_bytes()
+            mark = sample.attachment
+            whole = data if mark is None else self._joined(key, mark.to_bytes(), data)
+            if whole is not None:
+                return key, whole
+
+    def _joined(self, key: str, mark: bytes, data: bytes) -> bytes | None:
+        """The message, if this was the last part of it."""
+        if len(mark) != _MARK.size:
+            return data  # of no process of ours: let its decoder refuse it
+        message, part, parts = _MARK.unpack(mark)
+        if part == 0 and parts <= _MOST_PARTS:
+            self._begun[key] = message, []
+        begun = self._begun.get(key)
+        # Two processes of a node share its keys; and a part may be missing.
+        if begun is None or begun[0] != message or len(begun[1]) != part:
+            return None
+        begun[1].append(data)
+        if part + 1 < parts:
+            return None
+        del self._begun[key]
+        return b"".join(begun[1])
