@@ -123,6 +123,12 @@ class OwnMap:
         Raises:
             IndexError: a cell lies outside the grid.
         """
+        if kernels is not None:
+            new: NDArray[np.int64] = kernels.apply(self.cells, cells, values)
+            if new.size:
+                self._changed.append(new)
+                self.version += 1
+            return
         better = values > self.cells[cells]
         if better.any():
             # A cell that occurs twice turned from free to occupied: the last value stays.

@@ -96,12 +96,14 @@ class Medium:
 
     def _record(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> None:
         """Only who counted is in the trace: one who left during the tick, and one who had left before, are the same."""
-        counted = np.array([node in transmissions for node in positions.nodes.tolist()], np.bool_)
-        nodes = positions.nodes[counted]
+        nodes, xy_m = positions.nodes, positions.xy_m
+        if len(transmissions) < len(nodes):
+            counted = np.array([node in transmissions for node in nodes.tolist()], np.bool_)
+            nodes, xy_m = nodes[counted], xy_m[counted]
         update = self._trace.update
         update(_TICK.pack(positions.tick, len(nodes)))
         update(nodes.tobytes())
-        update(positions.xy_m[counted].tobytes())
+        update(xy_m.tobytes())
         for node in nodes.tolist():
             transmission = transmissions[node]
             for dst, payload in transmission.frames:

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Final, TypeAlias
 
-from bus.codec import WireError, integer, pack, unpack
+from bus.codec import WireError, head, integer, pack, unpack
+from world.compiled import kernels
 from world.messages import MAX_NODE, MAX_TICK
 
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""
 
 MAX_FRAME_BYTES: Final = 1 << 20
+
+_TICK: Final = struct.Struct("<I")
+_HEARD: Final = struct.Struct("<HdI")
+"""Before each payload of an inbox: source, power, length."""
+_BAD_INBOX: Final = "an inbox is a run of (node, finite power, payload)"
 
 
 Frame: TypeAlias = tuple[int, bytes]
@@ -66,21 +72,32 @@ class Inbox:
         self.receptions = receptions
 
     def encode(self) -> bytes:
-        sources, powers, payloads = zip(*self.receptions, strict=True) if self.receptions else ((), (), ())
-        n = len(payloads)
-        return pack((self.tick, struct.pack(f"<{n}H", *sources), struct.pack(f"<{n}d", *powers), payloads))
+        if kernels is not None:
+            receptions: bytes = kernels.pack_receptions(self.receptions)
+            return _TICK.pack(self.tick) + receptions
+        parts = [_TICK.pack(self.tick)]
+        for src, power, payload in self.receptions:
+            parts += (_HEARD.pack(src, power, len(payload)), payload)
+        return b"".join(parts)
 
     @staticmethod
     def decode(data: bytes) -> Inbox:
-        tick, ids, levels, payloads = unpack(data, 4)
-        if not isinstance(payloads, list):
-            raise WireError("payloads are a list")
-        n = len(payloads)
-        if type(ids) is not bytes or len(ids) != 2 * n or type(levels) is not bytes or len(levels) != 8 * n:
-            raise WireError("sources and powers are columns as long as payloads")
-        sources, powers = struct.unpack(f"<{n}H", ids), struct.unpack(f"<{n}d", levels)
-        if max(sources, default=0) > MAX_NODE:
-            raise WireError("a source is not a node")
-        if not all(map(isfinite, powers)) or not all([type(p) is bytes for p in payloads]):  # noqa: C419  # a list is faster
-            raise WireError("a power is not finite, or a payload not bytes")
-        return Inbox(integer(tick, 0, MAX_TICK), tuple(zip(sources, powers, payloads, strict=True)))
+        (tick,) = head(_TICK, data)
+        integer(tick, 0, MAX_TICK)
+        if kernels is not None:
+            receptions: tuple[Reception, ...] | None = kernels.unpack_receptions(data, _TICK.size, MAX_NODE)
+            if receptions is None:
+                raise WireError(_BAD_INBOX)
+            return Inbox(tick, receptions)
+        heard: list[Reception] = []
+        at = _TICK.size
+        while at < len(data):
+            if at + _HEARD.size > len(data):
+                raise WireError(_BAD_INBOX)
+            src, power, length = _HEARD.unpack_from(data, at)
+            at += _HEARD.size
+            if at + length > len(data) or src > MAX_NODE or not isfinite(power):
+                raise WireError(_BAD_INBOX)
+            heard.append((src, power, data[at : at + length]))
+            at += length
+        return Inbox(tick, tuple(heard))

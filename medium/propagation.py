@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medium.config import MediumConfig
+from world.compiled import kernels
 from world.geometry import walls_crossed
 
 _NEAREST_M: Final = 0.01
@@ -24,6 +25,16 @@ _NEAREST_M: Final = 0.01
 
 _PLACE_M: Final = 1.0
 """Shadowing is fixed per link and per place of this size."""
+
+
+def distances_m(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, n) distances between all places."""
+    if kernels is not None:
+        result: NDArray[np.float64] = kernels.distances(xy_m)
+        return result
+    delta = xy_m[:, None, :] - xy_m[None, :, :]
+    squares: NDArray[np.float64] = np.einsum("ijk,ijk->ij", delta, delta)
+    return np.sqrt(squares)
 
 
 class Propagation:
@@ -42,8 +53,7 @@ class Propagation:
         self, nodes: NDArray[np.int16], xy_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Power in dBm and audibility, both (n, n) and symmetric, of each node (row) at each other (column)."""
-        delta = xy_m[:, None, :] - xy_m[None, :, :]
-        distance_m = np.sqrt(np.einsum("ijk,ijk->ij", delta, delta))
+        distance_m = distances_m(xy_m)
         power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, _NEAREST_M))
         model = self._config.radio.model
         if model == "log_distance":
@@ -55,7 +65,7 @@ class Propagation:
                 rows, cols = np.nonzero(np.triu(heard, 1))
                 blocked = self._walls(xy_m, rows, cols) > 0
                 heard[rows[blocked], cols[blocked]] = heard[cols[blocked], rows[blocked]] = False
-        np.fill_diagonal(heard, False)
+        heard.ravel()[:: len(nodes) + 1] = False  # the diagonal
         return power, heard
 
     def _walls(self, xy_m: NDArray[np.float64], rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -24,6 +24,10 @@ _RECORD: Final = struct.Struct("<II")
 """Of the journal: the tick at which a report was merged, and its length."""
 
 
+_NO_CHANGE: Final = np.zeros(0, np.int64), np.zeros(0, np.int8)
+"""Cells of the merged map, and their values."""
+
+
 class Station:
     """Sans-IO. What it knows came over the radio; a journal lets a new incarnation go on where the last one ended."""
 
@@ -75,14 +79,13 @@ class Station:
         return reports, updates
 
     def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        nothing = np.zeros(0, np.int64), np.zeros(0, np.int8)
         try:
             change = self.merger.take(report)
         except WireError:
             self.bad_frames += 1
-            return nothing
+            return _NO_CHANGE
         if change is None:
-            return nothing
+            return _NO_CHANGE
         payload = report.encode()
         self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
         cells, values = change
@@ -94,6 +97,8 @@ class Station:
     def _joined(
         changes: list[tuple[NDArray[np.int64], NDArray[np.int8]]],
     ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        if not changes:
+            return _NO_CHANGE
         cells = np.concatenate([np.zeros(0, np.int64), *(c for c, _ in changes)])
         values = np.concatenate([np.zeros(0, np.int8), *(v for _, v in changes)])
         return cells, values

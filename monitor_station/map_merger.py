@@ -22,6 +22,8 @@ class MapMerger:
         """Different reports taken in."""
         self._complete: dict[tuple[int, int], int] = {}
         self._ahead: dict[tuple[int, int], set[int]] = {}
+        self._acks: bytes | None = b""
+        """What `acks` returns; None: to be made anew."""
 
     def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
         """Merge a report; returns the changed cells, ascending, and their values, or None for one that is known.
@@ -40,6 +42,7 @@ class MapMerger:
             complete += 1
             ahead.remove(complete)
         self._complete[source] = complete
+        self._acks = None
         self.merged += 1
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
@@ -54,4 +57,6 @@ class MapMerger:
 
     def acks(self) -> bytes:
         """A run of ACK: per robot incarnation the highest report number that is here without a gap."""
-        return b"".join([ACK.pack(*source, number) for source, number in sorted(self._complete.items())])
+        if self._acks is None:
+            self._acks = b"".join([ACK.pack(*source, number) for source, number in sorted(self._complete.items())])
+        return self._acks

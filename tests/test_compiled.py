@@ -23,6 +23,8 @@ from hypothesis import strategies as st
 import agents.forwarding_table
 import agents.own_map
 import agents.planner
+import medium.messages
+import medium.propagation
 import world.geometry
 import world.lidar
 from agents.config import RobotConfig
@@ -32,14 +34,23 @@ from agents.planner import Planner
 from bus.codec import WireError
 from deploy.scenario import load
 from deploy.simulation import Simulation
+from medium.messages import Inbox
 from tests.conftest import ROOT
 from world.geometry import walls_crossed
-from world.grid import OCCUPIED, GridGeometry
+from world.grid import OCCUPIED, UNKNOWN, GridGeometry
 from world.lidar import Caster
 from world.messages import NOBODY
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
-USERS = (agents.forwarding_table, agents.own_map, agents.planner, world.geometry, world.lidar)
+USERS = (
+    agents.forwarding_table,
+    agents.own_map,
+    agents.planner,
+    medium.messages,
+    medium.propagation,
+    world.geometry,
+    world.lidar,
+)
 
 property_test = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -208,6 +219,63 @@ def test_merged_tables_are_equal(kernels: ModuleType, seed: int, sticky: int) ->
             except WireError as error:
                 outcome = str(error)
             outcomes.append((outcome, table.freshness, table.next_hop, list(table.freshness), table.advertised()))
+    assert outcomes[0] == outcomes[1]
+
+
+@property_test
+@given(st.lists(st.lists(st.tuples(st.integers(0, 1079), st.integers(0, 1)), max_size=30), max_size=4))
+def test_cells_from_elsewhere_are_equal(kernels: ModuleType, chunks: list[list[tuple[int, int]]]) -> None:
+    ours, theirs = OwnMap(robot_config()), OwnMap(robot_config())
+    for chunk in chunks:
+        cells, values = np.array([c for c, _ in chunk], np.uint32), np.array([v for _, v in chunk], np.int8)
+        with using(None):
+            theirs.apply(cells, values)
+        with using(kernels):
+            ours.apply(cells, values)
+    np.testing.assert_array_equal(ours.cells, theirs.cells)
+    assert ours.version == theirs.version
+    np.testing.assert_array_equal(ours.changes(0)[0], theirs.changes(0)[0])
+
+
+def test_cells_outside_are_refused_and_nothing_is_taken_over(kernels: ModuleType) -> None:
+    for module in (None, kernels):
+        own = OwnMap(robot_config())
+        with using(module), pytest.raises(IndexError):
+            own.apply(np.array([5, own.cells.size], np.uint32), np.array([0, 0], np.int8))
+        assert own.cells[5] == UNKNOWN
+
+
+@property_test
+@given(st.lists(anywhere, max_size=12))
+def test_distances_are_equal(kernels: ModuleType, places: list[tuple[float, float]]) -> None:
+    xy_m = np.array(places, np.float64).reshape(-1, 2)
+    with using(None):
+        expected = medium.propagation.distances_m(xy_m)
+    with using(kernels):
+        np.testing.assert_array_equal(medium.propagation.distances_m(xy_m), expected)
+
+
+frames_heard = st.lists(st.tuples(st.integers(0, 33_000), st.floats(allow_infinity=False), st.binary(max_size=9)))
+
+
+@property_test
+@given(st.integers(0, 2**31 - 1), frames_heard, st.data())
+def test_inboxes_are_equal(
+    kernels: ModuleType, tick: int, heard: list[tuple[int, float, bytes]], data: st.DataObject
+) -> None:
+    inbox = Inbox(tick, tuple(heard))
+    with using(None):
+        packed = inbox.encode()
+    with using(kernels):
+        assert inbox.encode() == packed
+    packed = packed[: data.draw(st.integers(len(packed) - 3, len(packed)))]
+    outcomes: list[object] = []
+    for module in (None, kernels):
+        with using(module):
+            try:
+                outcomes.append(Inbox.decode(packed))
+            except WireError as error:
+                outcomes.append(str(error))
     assert outcomes[0] == outcomes[1]
 
 

@@ -8,8 +8,10 @@ same order, never fused (-ffp-contract=off).
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
 from cpython.dict cimport PyDict_GetItem, PyDict_Next
 from cpython.object cimport PyObject
+from cpython.ref cimport Py_INCREF
+from cpython.tuple cimport PyTuple_New, PyTuple_SET_ITEM
 from libc.math cimport INFINITY, atan2, ceil, fabs, floor, hypot, rint, sqrt
-from libc.stdint cimport int32_t, int64_t, uint64_t
+from libc.stdint cimport int8_t, int32_t, int64_t, uint16_t, uint32_t, uint64_t
 from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
 
@@ -18,6 +20,11 @@ import numpy as np
 cdef enum:
     ROW = 28
     INHERENT = 18
+
+cdef packed struct Heard:
+    uint16_t src
+    double power_dbm
+    uint32_t length
 
 
 def cast(
@@ -470,3 +477,84 @@ def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index)
         or (index >= cols and cells[index - cols] == -1)
         or (index + cols < cells.shape[0] and cells[index + cols] == -1)
     )
+
+
+def apply(signed char[::1] cells, const uint32_t[::1] theirs, const int8_t[::1] values):
+    """agents.own_map.OwnMap.apply: takes better values over; the changed cells (int64), some perhaps twice."""
+    cdef Py_ssize_t n = theirs.shape[0], k, found = 0
+    out = np.empty(n, np.int64)
+    cdef int64_t[::1] changed = out
+    for k in range(n):
+        if theirs[k] >= cells.shape[0]:
+            raise IndexError("a cell lies outside the grid")
+        if values[k] > cells[theirs[k]]:
+            changed[found] = k
+            found += 1
+    # Only now: what is better is told from what was there before.
+    for k in range(found):
+        cells[theirs[changed[k]]] = values[changed[k]]
+        changed[k] = theirs[changed[k]]
+    return out[:found]
+
+
+def distances(const double[:, :] xy_m):
+    """medium.propagation.Propagation.received: (n, n) distances between all places."""
+    cdef Py_ssize_t n = xy_m.shape[0], i, j
+    cdef double dx, dy
+    out = np.empty((n, n))
+    cdef double[:, ::1] result = out
+    for i in range(n):
+        for j in range(n):
+            dx = xy_m[i, 0] - xy_m[j, 0]
+            dy = xy_m[i, 1] - xy_m[j, 1]
+            result[i, j] = sqrt(dx * dx + dy * dy)
+    return out
+
+
+def pack_receptions(tuple receptions):
+    """medium.messages.Inbox.encode: the receptions, one after the other."""
+    cdef Py_ssize_t length = 0
+    cdef Heard head
+    cdef tuple reception
+    cdef bytes payload
+    for reception in receptions:
+        payload = reception[2]
+        length += sizeof(Heard) + PyBytes_GET_SIZE(payload)
+    cdef bytes packed = PyBytes_FromStringAndSize(NULL, length)
+    cdef char* raw = PyBytes_AS_STRING(packed)
+    for reception in receptions:
+        payload = reception[2]
+        head.src = reception[0]
+        head.power_dbm = reception[1]
+        head.length = <uint32_t>PyBytes_GET_SIZE(payload)
+        memcpy(raw, &head, sizeof(Heard))
+        memcpy(raw + sizeof(Heard), PyBytes_AS_STRING(payload), head.length)
+        raw += sizeof(Heard) + head.length
+    return packed
+
+
+def unpack_receptions(bytes data, Py_ssize_t start, int max_node):
+    """medium.messages.Inbox.decode: the receptions in `data` from `start` on; None if they are not what they should be."""
+    cdef const char* raw = PyBytes_AS_STRING(data)
+    cdef Py_ssize_t size = PyBytes_GET_SIZE(data), at = start, count = 0
+    cdef Heard head
+    cdef tuple heard, reception
+    while at < size:
+        if size - at < <Py_ssize_t>sizeof(Heard):
+            return None
+        memcpy(&head, raw + at, sizeof(Heard))
+        at += sizeof(Heard)
+        if head.length > size - at or head.src > max_node or head.power_dbm - head.power_dbm != 0.0:
+            return None
+        at += head.length
+        count += 1
+    heard = PyTuple_New(count)
+    at = start
+    for count in range(count):
+        memcpy(&head, raw + at, sizeof(Heard))
+        at += sizeof(Heard)
+        reception = (head.src, head.power_dbm, PyBytes_FromStringAndSize(raw + at, head.length))
+        at += head.length
+        Py_INCREF(reception)
+        PyTuple_SET_ITEM(heard, count, reception)
+    return heard

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Snapshot
 
@@ -15,11 +16,10 @@ def changes(before: Snapshot, after: Snapshot, cell_names: tuple[str, ...] = ())
     Robots that joined or left in between are the business of fault events.
     """
     events: list[Event] = []
-    stayed = (before.present & after.present).astype(bool)
-    if not np.array_equal(before.cls, after.cls):
-        events += _roles(before, after, stayed)
-    if not np.array_equal(before.hops, after.hops):
-        events += _links(before, after, stayed)
+    if before.cls.tobytes() != after.cls.tobytes():
+        events += _roles(before, after)
+    if before.hops.tobytes() != after.hops.tobytes():
+        events += _links(before, after)
     if before.victims_found != after.victims_found:
         known = set(before.victims_found)
         events += [
@@ -32,18 +32,22 @@ def changes(before: Snapshot, after: Snapshot, cell_names: tuple[str, ...] = ())
     return tuple(events)
 
 
-def _roles(before: Snapshot, after: Snapshot, stayed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[Event]:
-    changed = np.flatnonzero((before.cls != after.cls) & stayed)
+def _stayed(before: Snapshot, after: Snapshot) -> NDArray[np.bool_]:
+    return (before.present & after.present).astype(bool)
+
+
+def _roles(before: Snapshot, after: Snapshot) -> list[Event]:
+    changed = np.flatnonzero((before.cls != after.cls) & _stayed(before, after))
     return [
         Event(after.tick, "role", robot, f"robot {robot} is now {name}", {"cls": name})
         for robot, name in ((int(after.nodes[i]), Cls(int(after.cls[i])).name) for i in changed)
     ]
 
 
-def _links(before: Snapshot, after: Snapshot, stayed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[Event]:
+def _links(before: Snapshot, after: Snapshot) -> list[Event]:
     had, has = before.hops != UNREACHABLE, after.hops != UNREACHABLE
     events = []
-    for i in np.flatnonzero((had != has) & stayed):
+    for i in np.flatnonzero((had != has) & _stayed(before, after)):
         robot = int(after.nodes[i])
         if has[i]:
             hops, nms = int(after.hops[i]), int(after.nms[i])
