@@ -51,7 +51,7 @@ class Router:
             self.ms.step(tick, self._rng)
 
     def _absorb(self, tick: int, updates: Sequence[Reception]) -> None:
-        before = self.table.next_hop.copy()
+        before = self.table.next_hops()
         for src, power, payload in updates:
             try:
                 update = Update.decode(payload)
@@ -76,13 +76,13 @@ class Router:
     def shown(self, tick: int, msr: int) -> Table:
         """Show the table with every column of Fig. 2, for the recording."""
         table = self.table
-        ids = sorted(dst for dst in table.freshness if dst != self.node)
+        ids = sorted(dst for dst in table.known if dst != self.node)
         return Table(
             tick,
             self.node,
             msr,
             np.array(ids, np.int16),
-            np.array([table.next_hop[dst] for dst in ids], np.int16),
+            np.array([table.next_hop_to(dst) for dst in ids], np.int16),
             np.array([table.hop(dst) for dst in ids], np.uint8),
             np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
             np.array([dst in self.inv for dst in ids], np.uint8),

@@ -56,7 +56,7 @@ class MsRoute:
 
     @property
     def _seqno(self) -> int:
-        return self._table.freshness.get(STATION, -1) >> 8
+        return self._table.freshness(STATION) >> 8
 
     def step(self, tick: int, rng: random.Random) -> None:
         """Refresh or change the route, after the tick's updates were absorbed and lost neighbors expired."""

@@ -20,6 +20,8 @@ class ScanUplink:
         self._sent_tick: dict[int, int] = {}
         self._carried: list[bytes] = []
         self._acks = b""
+        self._ack = ACK.pack(node, incarnation, 0)[:4]
+        """How what the MS says of this incarnation begins."""
         self.made = 0
         self.discarded = 0
 
@@ -48,11 +50,14 @@ class ScanUplink:
         if acks == self._acks:
             return
         self._acks = acks
-        for robot, incarnation, upto in ACK.iter_unpack(acks):
-            if robot == self._node and incarnation == self._incarnation:
-                for number in [n for n in self._unacknowledged if n <= upto]:
-                    del self._unacknowledged[number]
-                    self._sent_tick.pop(number, None)
+        at = acks.find(self._ack)
+        while at >= 0 and at % ACK.size:
+            at = acks.find(self._ack, at + 1)
+        if at >= 0:
+            _, _, upto = ACK.unpack_from(acks, at)
+            for number in [n for n in self._unacknowledged if n <= upto]:
+                del self._unacknowledged[number]
+                self._sent_tick.pop(number, None)
 
     def due(self, tick: int, hops: int) -> list[bytes]:
         """Payloads to send to the NMS now, given a route of `hops`: carried ones, new ones, overdue ones.

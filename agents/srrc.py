@@ -16,7 +16,7 @@ from world.messages import NOBODY, Cls
 
 def eligible_msrs(table: ForwardingTable, nms: int) -> list[int]:
     """Rule 1: the SRs of a forwarding table, ascending, without those whose next hop is the NMS."""
-    return [node for node in table.search_robots() if table.next_hop[node] != nms]
+    return [node for node in table.search_robots() if table.next_hop_to(node) != nms]
 
 
 def farthest_msr(

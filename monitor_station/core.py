@@ -115,14 +115,14 @@ class Station:
     def view(self) -> StationView:
         """What the operators know after this tick's step."""
         table = self.router.table
-        ids = sorted(dst for dst in table.freshness if dst != self.router.node)
+        ids = sorted(dst for dst in table.known if dst != self.router.node)
         victims = tuple((victim, x, y) for victim, (x, y) in sorted(self.merger.victims.items()))
         return StationView(
             self._tick,
             np.array(ids, np.int16),
             np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
             np.array([table.cls(dst) for dst in ids], np.uint8),
-            np.array([table.next_hop[dst] != NOBODY for dst in ids], np.bool_),
+            np.array([table.next_hop_to(dst) != NOBODY for dst in ids], np.bool_),
             *self._changed,
             victims,
             self.search.rates,

@@ -74,8 +74,9 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     ("freshness", "nms", "bad"),
     [
         pytest.param((2**56 - 1) * 256 + 200, NOBODY, 1, id="odd number, finite metric"),
-        pytest.param(2**64 - 256, NOBODY, 0, id="highest number, infinite"),
-        pytest.param(2**64 - 257, 2, 0, id="highest even number, which breaks to the highest"),
+        pytest.param(2**64 - 256, NOBODY, 1, id="a number that no clock reaches"),
+        pytest.param(2**62 - 256, NOBODY, 0, id="highest number, infinite"),
+        pytest.param(2**62 - 257, 2, 0, id="highest even number, which breaks to the highest"),
     ],
 )
 def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int, nms: int, bad: int) -> None:

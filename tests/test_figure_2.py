@@ -63,7 +63,7 @@ def select_msr(router: Router, present: int, margin_m: float) -> int:
 
 def test_dsdv_elements_are_as_printed(robot_c: Router) -> None:
     table = robot_c.table
-    assert {dst: (table.next_hop[dst], table.hop(dst)) for dst in FIGURE_2} == FIGURE_2
+    assert {dst: (table.next_hop_to(dst), table.hop(dst)) for dst in FIGURE_2} == FIGURE_2
     assert robot_c.ms.nms == B
 
 

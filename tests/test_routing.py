@@ -37,7 +37,7 @@ def test_no_loop_at_any_tick_and_freshness_never_falls(nodes: int, seed: int, lo
         field.step()
         assert field.loops() == []
         for node, router in field.routers.items():
-            now = router.table.freshness.copy()
+            now = {dst: router.table.freshness(dst) for dst in router.table.known}
             incarnation, old = before.get(node, (-1, now))
             if incarnation == field.incarnation[node]:
                 assert all(now[dst] >= freshness for dst, freshness in old.items()), (
@@ -105,7 +105,7 @@ def test_a_neighbor_is_gone_after_ten_silent_ticks_and_its_number_is_odd() -> No
     field.step()
     table = field.routers[1].table
     assert table.hop(STATION) == UNREACHABLE
-    assert table.freshness[STATION] >> 8 & 1 == 1
+    assert table.freshness(STATION) >> 8 & 1 == 1
     assert field.next_hop(1, STATION) == NOBODY
 
 
@@ -160,7 +160,7 @@ def test_equal_hop_counts_do_not_flap() -> None:
             offers.append((neighbor, power_dbm(5.0), update_of(other, NOBODY)))
         # Node 3 alone at first, then 2 as well, whose id is lower.
         me.step(tick, offers[1:] if tick < 5 else offers)
-        assert me.table.next_hop[7] == 3
+        assert me.table.next_hop_to(7) == 3
 
 
 FRESH = (2 * 256 + 255).to_bytes(8, "little")

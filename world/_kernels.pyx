@@ -5,9 +5,9 @@ Each gives the same bits as the Python beside it (tests/test_compiled.py): the s
 same order, never fused (-ffp-contract=off).
 """
 
+from cpython cimport array
+from cpython.bytearray cimport PyByteArray_AS_STRING
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
-from cpython.dict cimport PyDict_GetItem, PyDict_Next
-from cpython.object cimport PyObject
 from cpython.ref cimport Py_INCREF
 from cpython.tuple cimport PyTuple_New, PyTuple_SET_ITEM
 from libc.math cimport INFINITY, atan2, ceil, fabs, floor, hypot, rint, sqrt
@@ -270,7 +270,7 @@ def lengths(
     Dijkstra's algorithm with buckets (Dial 1969) narrower than the shortest step: what a bucket holds when its turn
     comes is final, whatever the order within it, so two lie ahead at most.
     """
-    cdef double width_m = 0.9 * resolution_m, diagonal_m = resolution_m * sqrt(2.0), here, longer
+    cdef double per_metre = 1.0 / (0.9 * resolution_m), diagonal_m = resolution_m * sqrt(2.0), here, longer
     cdef Bucket buckets[3]
     cdef Bucket* bucket
     cdef Py_ssize_t turn = 0, waiting = 1, k, cell, col, step, other
@@ -286,15 +286,15 @@ def lengths(
         found[source] = 0.0
         push(&buckets[0], <int32_t>source)
         while waiting:
-            bucket = &buckets[turn % 3]
-            if until >= 0 and found[until] < INFINITY and <Py_ssize_t>(found[until] / width_m) <= turn:
+            bucket = &buckets[<size_t>turn % 3]
+            if until >= 0 and found[until] < INFINITY and <Py_ssize_t>(found[until] * per_metre) <= turn:
                 break
             for k in range(bucket.count):
                 cell = bucket.cells[k]
                 here = found[cell]
-                if <Py_ssize_t>(here / width_m) != turn:
+                if <Py_ssize_t>(here * per_metre) != turn:
                     continue  # a shorter way was found since, and its turn has been
-                col = cell % cols
+                col = <uint32_t>cell % <uint32_t>cols
                 east = col + 1 < cols and cells[cell + 1] == 0
                 west = col > 0 and cells[cell - 1] == 0
                 north = cell + cols < rows * cols and cells[cell + cols] == 0
@@ -310,7 +310,7 @@ def lengths(
                         longer = here + (resolution_m if step < 4 else diagonal_m)
                         if longer < found[other] and longer <= limit_m:
                             found[other] = longer
-                            push(&buckets[<Py_ssize_t>(longer / width_m) % 3], <int32_t>other)
+                            push(&buckets[<size_t>(longer * per_metre) % 3], <int32_t>other)
                             waiting += 1
             waiting -= bucket.count
             bucket.count = 0
@@ -385,72 +385,121 @@ def length_near(
 
 
 def merge(
-    bytes rows, int me, int sender, dict known, dict next_hop, dict inherent_of, dict before, int sticky, int max_node
+    bytes rows,
+    int me,
+    int sender,
+    list known,
+    array.array freshest,
+    array.array next_hop,
+    bytearray inherent,
+    array.array before,
+    int sticky,
+    int max_node,
+    uint64_t most_fresh,
+    make_room,
 ):
     """agents.forwarding_table.ForwardingTable.merge: freshness of the entry `sticky`, or -1; -2 after a bad row."""
-    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
-    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
-    cdef int dst, byte
-    cdef uint64_t freshness, offered, present
-    cdef PyObject* found
-    cdef object key, nobody = -1, through = sender, about_sticky = -1
+    cdef const unsigned char* first = <const unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const unsigned char* end = first + PyBytes_GET_SIZE(rows)
+    cdef const unsigned char* raw = first
+    cdef int dst, highest = -1
+    cdef uint64_t freshness, offered
+    cdef int64_t present
+    cdef bint possible
+    cdef object about_sticky = -1
     while raw < end:
         dst = raw[0] | raw[1] << 8
-        freshness = 0
-        for byte in range(8):
-            freshness |= <uint64_t>raw[2 + byte] << 8 * byte
+        if highest < dst <= max_node:
+            highest = dst
         raw += ROW
+    if highest >= len(freshest):
+        make_room(highest)
+    cdef int64_t* fresh = <int64_t*>freshest.data.as_longlongs
+    cdef short* hops = next_hop.data.as_shorts
+    cdef const short* hops_before = before.data.as_shorts
+    cdef Py_ssize_t known_before = len(before)
+    cdef char* said = PyByteArray_AS_STRING(inherent)
+    raw = first
+    while raw < end:
+        dst = raw[0] | raw[1] << 8
+        freshness = uint64_at(raw + 2)
+        raw += ROW
+        offered = freshness - 1 if freshness & 255 and dst != sticky else freshness
+        possible = (offered & 256 == 0) == (offered & 255 > 0) and offered < most_fresh
         if dst == sticky:
-            if (not freshness & 256) != (freshness & 255 > 0):
+            if not possible:
                 return -2
             about_sticky = freshness
             continue
-        offered = freshness - 1 if freshness & 255 else freshness
-        key = dst
-        found = PyDict_GetItem(known, key)
         if dst == me:
             continue
-        if found != NULL:
-            present = <object>found
-            if offered < present:
-                continue
-            if offered == present:
-                found = PyDict_GetItem(before, key)
-                if found == NULL or <object>found != sender:
-                    continue
-        if (not offered & 256) != (offered & 255 > 0) or dst > max_node:
+        if dst > max_node:
             return -2
-        known[key] = offered
-        next_hop[key] = through if offered & 255 else nobody
-        inherent_of[key] = PyBytes_FromStringAndSize(<const char*>raw - INHERENT, INHERENT)
+        present = fresh[dst]
+        if present >= 0 and (
+            offered < <uint64_t>present
+            or (offered == <uint64_t>present and (dst >= known_before or hops_before[dst] != sender))
+        ):
+            continue
+        if not possible:
+            return -2
+        if present < 0:
+            known.append(dst)
+        fresh[dst] = <int64_t>offered
+        hops[dst] = sender if offered & 255 else -1
+        memcpy(said + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
 
 
-def advertised(dict known, dict inherent_of):
+cdef uint64_t uint64_at(const unsigned char* raw) noexcept:
+    cdef uint64_t value = 0
+    cdef int byte
+    for byte in range(8):
+        value |= <uint64_t>raw[byte] << 8 * byte
+    return value
+
+
+def advertised(list known, array.array freshest, bytearray inherent):
     """agents.forwarding_table.ForwardingTable.advertised: the whole table as a run of rows."""
     cdef bytes rows = PyBytes_FromStringAndSize(NULL, ROW * len(known))
     cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(rows)
-    cdef PyObject* key
-    cdef PyObject* value
-    cdef Py_ssize_t at = 0
+    cdef const char* said = PyByteArray_AS_STRING(inherent)
     cdef int dst, byte
     cdef uint64_t freshness
-    while PyDict_Next(known, &at, &key, &value):
-        dst = <object>key
-        freshness = <object>value
+    for dst in known:
+        freshness = freshest.data.as_longlongs[dst]
         raw[0] = dst & 255
         raw[1] = dst >> 8
         for byte in range(8):
             raw[2 + byte] = freshness >> 8 * byte & 255
-        memcpy(raw + 10, PyBytes_AS_STRING(inherent_of[<object>key]), INHERENT)
+        memcpy(raw + 10, said + dst * INHERENT, INHERENT)
         raw += ROW
     return rows
 
 
-def inherent(int flags, double x_m, double y_m, double target_x_m, double target_y_m, double per_metre):
+def search_robots(array.array next_hop, bytearray inherent, int me):
+    """agents.forwarding_table.ForwardingTable.search_robots"""
+    cdef const char* said = PyByteArray_AS_STRING(inherent)
+    cdef int dst
+    found = []
+    for dst in range(<int>len(next_hop)):
+        if next_hop.data.as_shorts[dst] != -1 and dst != me and not said[dst * INHERENT] & 1:
+            found.append(dst)
+    return found
+
+
+def set_inherent(
+    bytearray inherent,
+    Py_ssize_t dst,
+    int flags,
+    double x_m,
+    double y_m,
+    double target_x_m,
+    double target_y_m,
+    double per_metre,
+):
     """agents.forwarding_table.ForwardingTable.set_inherent: what a destination says of itself, as it travels."""
-    cdef bytes packed = PyBytes_FromStringAndSize(NULL, INHERENT)
-    cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(packed)
+    cdef unsigned char* raw = <unsigned char*>PyByteArray_AS_STRING(inherent) + dst * INHERENT
     cdef double places[4]
     cdef double place
     cdef int32_t whole
@@ -465,7 +514,6 @@ def inherent(int flags, double x_m, double y_m, double target_x_m, double target
         whole = <int32_t>place
         for byte in range(4):
             raw[2 + 4 * k + byte] = whole >> 8 * byte & 255
-    return packed
 
 
 def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
