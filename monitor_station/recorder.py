@@ -215,7 +215,6 @@ class Recorder:
         self._pointers = pointers
         if regular or moved:
             self._links.add(tick, link_strips(snapshot, self._config.station_m), snapshot.nms)
-        if regular or moved or self._few:
             self._add_chain(snapshot, regular)
         if regular or moved or self._few:
             states = self._steady.update(tick, states_of(snapshot, self._paused))

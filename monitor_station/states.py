@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from world.messages import Cls, Mode, Snapshot
+from world.messages import Mode, Snapshot
 
 
 class State(IntEnum):
@@ -22,15 +23,28 @@ class State(IntEnum):
     DEAD = 5
 
 
+# An enumeration looks its members up by name each time.
+_SEARCH: Final = int(State.SEARCH)
+_RELAY: Final = int(State.RELAY)
+_RECOVERING: Final = int(State.RECOVERING)
+_LOST: Final = int(State.LOST)
+_PAUSED: Final = int(State.PAUSED)
+_DEAD: Final = int(State.DEAD)
+_OF_MODE: Final = {int(Mode.INNER): _RECOVERING, int(Mode.OUTER): _RECOVERING, int(Mode.LOST): _LOST}
+
+
 def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
     """`State` of each robot, shape (n,); whoever takes no part is dead unless it is known to be `paused`."""
-    mode = snapshot.mode
-    states = np.where(snapshot.cls == Cls.RR, int(State.RELAY), int(State.SEARCH))
-    states[(mode == Mode.INNER) | (mode == Mode.OUTER)] = State.RECOVERING
-    states[mode == Mode.LOST] = State.LOST
-    for row in np.flatnonzero(snapshot.present == 0):
-        states[row] = State.PAUSED if int(snapshot.nodes[row]) in paused else State.DEAD
-    return states
+    states: list[int] = []
+    rows = zip(
+        snapshot.nodes.tolist(), snapshot.present.tolist(), snapshot.cls.tolist(), snapshot.mode.tolist(), strict=True
+    )
+    for node, present, cls, mode in rows:
+        if not present:
+            states.append(_PAUSED if node in paused else _DEAD)
+        else:
+            states.append(_OF_MODE.get(mode, _RELAY if cls else _SEARCH))
+    return np.array(states, np.int64)
 
 
 class SteadyStates:
@@ -44,12 +58,18 @@ class SteadyStates:
         self._shown = np.full(robots, -1)
         self._latest = np.full(robots, -1)
         self._since = np.zeros(robots, np.int64)
+        self._settled: bytes | None = None
+        """What is shown, once nothing waits to be shown."""
 
     def update(self, tick: int, states: NDArray[np.int64]) -> NDArray[np.int64]:
         """States to show at a tick, shape (n,)."""
+        key = states.tobytes()
+        if key == self._settled:
+            return self._shown
         self._since[states != self._latest] = tick
         self._latest = states
-        urgent = (states >= State.LOST) | (self._shown >= State.LOST) | (self._shown < 0)
+        urgent = (states >= _LOST) | (self._shown >= _LOST) | (self._shown < 0)
         lasting = tick - self._since >= self._dwell_ticks
         self._shown = np.where(urgent | lasting, states, self._shown)
+        self._settled = key if self._shown.tobytes() == key else None
         return self._shown
