@@ -8,8 +8,9 @@ may come at any time in between. Whatever is random comes from a generator of th
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ from world.senses import Purpose, Senses, seeded
 __all__ = ["Begin", "End", "World"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class Begin:
     """What the world hands out at the start of a tick."""
 
@@ -53,12 +54,26 @@ class Begin:
     positions: Positions
     signals: tuple[Signal, ...]
     """What the supervisor does to processes now."""
-    unheard: dict[int, Sense] = field(default_factory=dict)
+    unheard: dict[int, Sense]
     """Of each node that is paused now: it still takes this step, and nobody waits for it or hears of it. A process that
     is stopped at any moment does the same, so a freeze by hand can be replayed."""
 
+    def __init__(
+        self,
+        tick: int,
+        senses: dict[int, Sense],
+        positions: Positions,
+        signals: tuple[Signal, ...],
+        unheard: dict[int, Sense] | None = None,
+    ) -> None:
+        self.tick = tick
+        self.senses = senses
+        self.positions = positions
+        self.signals = signals
+        self.unheard = unheard or {}
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(slots=True, init=False)
 class End:
     """What the world says at the end of a tick."""
 
@@ -66,6 +81,11 @@ class End:
     events: tuple[Event, ...]
     stop: Stop | None
     """The run ends with this tick."""
+
+    def __init__(self, snapshot: Snapshot, events: tuple[Event, ...], stop: Stop | None) -> None:
+        self.snapshot = snapshot
+        self.events = events
+        self.stop = stop
 
 
 class World:
@@ -333,9 +353,9 @@ class World:
             _bytes([status.cls for status in statuses]),
             _bytes([status.mode for status in statuses]),
             _bytes([status.hops for status in routed]),
-            np.array([status.nms for status in routed], np.int16),
-            np.array([status.msr for status in routed], np.int16),
-            np.array(targets_m, np.float64).reshape(-1, 2),
+            np.frombuffer(array("h", [status.nms for status in routed]), np.int16),
+            np.frombuffer(array("h", [status.msr for status in routed]), np.int16),
+            np.frombuffer(array("d", targets_m), np.float64).reshape(-1, 2),
             sum(s.reports_buffered for s in routed),
             *self._reported,
         )

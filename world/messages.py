@@ -364,7 +364,7 @@ class Signal:
         return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class Done:
     """The medium has worked out who hears what of `tick`."""
 
@@ -372,15 +372,19 @@ class Done:
     counted: tuple[int, ...]
     """Nodes whose transmission counted in this tick: all of the roster unless one departed during it."""
 
+    def __init__(self, tick: int, counted: tuple[int, ...]) -> None:
+        self.tick = tick
+        self.counted = counted
+
     def encode(self) -> bytes:
         return pack((self.tick, self.counted))
 
-    @classmethod
-    def decode(cls, data: bytes) -> Done:
+    @staticmethod
+    def decode(data: bytes) -> Done:
         tick, counted = unpack(data, 2)
         if not isinstance(counted, list):
             raise WireError("counted is not a list")
-        return cls(integer(tick, 0, MAX_TICK), tuple(integer(n, 0, MAX_NODE) for n in counted))
+        return Done(integer(tick, 0, MAX_TICK), tuple(integer(n, 0, MAX_NODE) for n in counted))
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,7 +404,7 @@ class Stop:
         return cls(integer(tick, 0, MAX_TICK), text(reason))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class Snapshot:
     """All that the world knows at the end of a tick: for recorder, launcher and studies, never for a robot.
 
@@ -420,10 +424,42 @@ class Snapshot:
     msr: NDArray[np.int16]
     target_m: NDArray[np.float64]
     """(n, 2)"""
-    reports_buffered: int = 0
-    search_rate: tuple[float, ...] = ()
-    merged: int = 0
-    victims_found: tuple[int, ...] = ()
+    reports_buffered: int
+    search_rate: tuple[float, ...]
+    merged: int
+    victims_found: tuple[int, ...]
+
+    def __init__(
+        self,
+        tick: int,
+        nodes: NDArray[np.int16],
+        present: NDArray[np.uint8],
+        xy_m: NDArray[np.float64],
+        cls: NDArray[np.uint8],
+        mode: NDArray[np.uint8],
+        hops: NDArray[np.uint8],
+        nms: NDArray[np.int16],
+        msr: NDArray[np.int16],
+        target_m: NDArray[np.float64],
+        reports_buffered: int = 0,
+        search_rate: tuple[float, ...] = (),
+        merged: int = 0,
+        victims_found: tuple[int, ...] = (),
+    ) -> None:
+        self.tick = tick
+        self.nodes = nodes
+        self.present = present
+        self.xy_m = xy_m
+        self.cls = cls
+        self.mode = mode
+        self.hops = hops
+        self.nms = nms
+        self.msr = msr
+        self.target_m = target_m
+        self.reports_buffered = reports_buffered
+        self.search_rate = search_rate
+        self.merged = merged
+        self.victims_found = victims_found
 
     def encode(self) -> bytes:
         return pack((
@@ -434,14 +470,14 @@ class Snapshot:
             self.victims_found,
         ))  # fmt: skip
 
-    @classmethod
-    def decode(cls, data: bytes) -> Snapshot:
+    @staticmethod
+    def decode(data: bytes) -> Snapshot:
         f = unpack(data, 14)
         nodes = column(f[1], _I2)
         n = len(nodes)
         if not isinstance(f[11], list) or not isinstance(f[13], list):
             raise WireError("search rates and victims are lists")
-        return cls(
+        return Snapshot(
             integer(f[0], 0, MAX_TICK), nodes, column(f[2], _U1, n), column(f[3], _F8, 2 * n).reshape(n, 2),
             column(f[4], _U1, n), column(f[5], _U1, n), column(f[6], _U1, n), column(f[7], _I2, n),
             column(f[8], _I2, n), column(f[9], _F8, 2 * n).reshape(n, 2), integer(f[10], 0, MAX_TICK),
