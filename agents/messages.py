@@ -74,7 +74,7 @@ class Update:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False)
 class ScanReport:
     """What one lidar scan changed in its robot's map, carried hop by hop to the MS."""
 
@@ -84,7 +84,23 @@ class ScanReport:
     """1, 2, ... within the incarnation."""
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
-    victims: tuple[tuple[int, float, float], ...] = ()
+    victims: tuple[tuple[int, float, float], ...]
+
+    def __init__(
+        self,
+        origin: int,
+        incarnation: int,
+        number: int,
+        cells: NDArray[np.uint32],
+        values: NDArray[np.int8],
+        victims: tuple[tuple[int, float, float], ...] = (),
+    ) -> None:
+        self.origin = origin
+        self.incarnation = incarnation
+        self.number = number
+        self.cells = cells
+        self.values = values
+        self.victims = victims
 
     def encode(self) -> bytes:
         body = pack((
@@ -93,13 +109,13 @@ class ScanReport:
         ))  # fmt: skip
         return pack((SCAN_REPORT, MOST_HOPS, body))
 
-    @classmethod
-    def decode(cls, data: bytes) -> ScanReport:
+    @staticmethod
+    def decode(data: bytes) -> ScanReport:
         _, hops_left, body = unpack(data, 3)
         integer(hops_left, 0, MOST_HOPS)
         origin, incarnation, number, cells, values, victims = unpack(body, 6)
         indices = column(cells, _U4)
-        return cls(
+        return ScanReport(
             integer(origin, 0, MAX_NODE), integer(incarnation, 0, MAX_NODE), integer(number, 1, MAX_TICK),
             indices, _cell_values(values, len(indices)), sightings(victims),
         )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.map_downlink import MapDownlink
-from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport, Table, Update, kind_of
+from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, Table, Update, kind_of
 from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError
@@ -85,7 +85,7 @@ class Robot:
         return updates
 
     def _take_map(self, chunk: MapChunk) -> None:
-        if chunk.cells.size and int(chunk.cells.max()) >= self.body.map.geometry.size:
+        if not self.body.map.geometry.holds(chunk.cells):
             raise WireError("a cell lies outside the grid")
         cells, values = self.downlink.receive(chunk)
         if cells.size:
@@ -104,7 +104,7 @@ class Robot:
         victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
         self._victims_seen.update(v[0] for v in victims)
         if cells.size or victims:
-            self.uplink.make(ScanReport(0, 0, 1, cells.astype(np.uint32), values, victims))
+            self.uplink.make(cells.astype(np.uint32), values, victims)
 
     def _frames(self, tick: int, action: Action) -> tuple[Frame, ...]:
         router = self.body.router

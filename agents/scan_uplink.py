@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import numpy as np
+from numpy.typing import NDArray
 
 from agents.config import Reporting
 from agents.messages import ACK, ScanReport, one_hop_on
@@ -30,11 +31,13 @@ class ScanUplink:
         """Reports made that the MS has not acknowledged."""
         return len(self._unacknowledged)
 
-    def make(self, report: ScanReport) -> None:
-        """Number a report and keep it."""
+    def make(
+        self, cells: NDArray[np.uint32], values: NDArray[np.int8], victims: tuple[tuple[int, float, float], ...]
+    ) -> None:
+        """Number a report of what a scan changed, and keep it."""
         self.made += 1
-        numbered = replace(report, origin=self._node, incarnation=self._incarnation, number=self.made)
-        self._unacknowledged[self.made] = numbered.encode()
+        report = ScanReport(self._node, self._incarnation, self.made, cells, values, victims)
+        self._unacknowledged[self.made] = report.encode()
 
     def carry(self, report: bytes) -> None:
         """Pass a report on that another robot sent through this one; without a route its origin will send it again.

@@ -31,7 +31,7 @@ class MapMerger:
         Raises:
             WireError: a cell lies outside the grid.
         """
-        if report.cells.size and int(report.cells.max()) >= self.geometry.size:
+        if not self.geometry.holds(report.cells):
             raise WireError("a cell lies outside the grid")
         source = report.origin, report.incarnation
         complete, ahead = self._complete.get(source, 0), self._ahead.setdefault(source, set())

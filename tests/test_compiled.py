@@ -27,6 +27,7 @@ import agents.planner
 import medium.messages
 import medium.propagation
 import world.geometry
+import world.grid
 import world.lidar
 from agents.config import RobotConfig
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
@@ -50,6 +51,7 @@ USERS = (
     medium.messages,
     medium.propagation,
     world.geometry,
+    world.grid,
     world.lidar,
 )
 
@@ -245,6 +247,10 @@ def test_cells_outside_are_refused_and_nothing_is_taken_over(kernels: ModuleType
         with using(module), pytest.raises(IndexError):
             own.apply(np.array([5, own.cells.size], np.uint32), np.array([0, 0], np.int8))
         assert own.cells[5] == UNKNOWN
+        with using(module):
+            assert own.geometry.holds(np.zeros(0, np.uint32))
+            assert own.geometry.holds(np.array([0, own.cells.size - 1], np.uint32))
+            assert not own.geometry.holds(np.array([0, own.cells.size, 3], np.uint32))
 
 
 @property_test

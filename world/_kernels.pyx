@@ -606,3 +606,12 @@ def unpack_receptions(bytes data, Py_ssize_t start, int max_node):
         Py_INCREF(reception)
         PyTuple_SET_ITEM(heard, count, reception)
     return heard
+
+
+def all_below(const uint32_t[::1] cells, Py_ssize_t size):
+    """world.grid.GridGeometry.holds"""
+    cdef Py_ssize_t k
+    for k in range(cells.shape[0]):
+        if cells[k] >= size:
+            return False
+    return True
