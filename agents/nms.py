@@ -133,8 +133,11 @@ class MsRoute:
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
         hops = self.hops
-        if not any([n.ms_hop + 1 < hops for n in self._neighbors.by_id.values()]):  # noqa: C419  # a list is faster
-            return None
+        for neighbor in self._neighbors.by_id.values():
+            if neighbor.ms_hop + 1 < hops:
+                break
+        else:
+            return None  # as mostly
         seqno = self._seqno
         near = self._lasting(self._offers(tick, self._shortcut_m))
         offers = [n for n in near if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]

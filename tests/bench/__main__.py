@@ -43,7 +43,7 @@ SCENARIOS = {9: "three_cells", 30: "three_cells_wide", 100: "hundred"}
 def main() -> None:
     """Run everything, print the tables, write the JSON."""
     options = _parser().parse_args()
-    console = Console(width=140)
+    console = Console(width=155)
     plan = QUICK if options.quick else FULL
     sizes = options.robots or sorted(SCENARIOS)
     if options.scaling:

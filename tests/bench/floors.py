@@ -10,7 +10,7 @@ from typing import Final
 
 from deploy.launcher import PRELOAD
 from deploy.supervisor import Supervisor
-from tests.bench import socket_floor, zenoh_floor
+from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
 from tests.bench.pattern import Pattern
 from tests.bench.row import Row
@@ -22,6 +22,7 @@ Start = Callable[[Pattern, Supervisor, Path], None]
 
 FLOORS: Final[Mapping[str, Start]] = {
     "zenoh": zenoh_floor.start,
+    "first design": first_floor.start,
     "zeromq": socket_floor.start_zeromq,
     "unix": socket_floor.start_unix,
 }
