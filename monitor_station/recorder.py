@@ -27,7 +27,7 @@ from monitor_station.view import StationView
 from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Mode, Snapshot
 
 _TICK_NS: Final = 100_000_000
-_HELD_TICKS: Final = 50
+_HELD_TICKS: Final = 500
 _HELD_WALL_S: Final = 1.5
 """Rows are sent after so many ticks or so much wall time: the latter bounds what a crash loses."""
 

@@ -229,7 +229,7 @@ def test_recording_of_a_killed_process_is_readable_and_repaired(tmp_path: Path) 
         "import sys; from pathlib import Path; from synthetic import Mission, feed\n"
         "from monitor_station.recorder import Recorder\n"
         "mission = Mission(9); recorder = Recorder(mission.config, Path(sys.argv[1]))\n"
-        "feed(recorder, list(mission.moments(401))); print('fed', flush=True); sys.stdin.read()\n"
+        "feed(recorder, list(mission.moments(1101))); print('fed', flush=True); sys.stdin.read()\n"
     )
     tests = Path(__file__).parent
     child = subprocess.Popen(
@@ -241,14 +241,14 @@ def test_recording_of_a_killed_process_is_readable_and_repaired(tmp_path: Path) 
         assert child.stdout is not None
         assert child.stdout.readline() == "fed\n"
         deadline = time.monotonic() + 20
-        while _last_tick(path) < 350:
+        while _last_tick(path) < 590:
             assert time.monotonic() < deadline, "the file does not grow"
         child.kill()
-    assert _last_tick(path) >= 350
+    assert _last_tick(path) >= 590
     assert rrd("verify", path).returncode != 0
     assert rrd("optimize", path, "-o", tmp_path / "good.rrd").returncode == 0
     assert rrd("verify", tmp_path / "good.rrd").returncode == 0
-    assert _last_tick(tmp_path / "good.rrd") >= 350
+    assert _last_tick(tmp_path / "good.rrd") >= 590
 
 
 def _last_tick(path: Path) -> int:
