@@ -104,10 +104,10 @@ class ForwardingTable:
         """Whether a known destination announced its need (policy scout)."""
         return bool(self._inherent[dst * _INHERENT_BYTES] & _NEED_BIT)
 
-    def shape(self) -> tuple[bytes, list[int], bytes]:
+    def shape(self) -> tuple[bytes, list[int], list[int]]:
         """What seldom changes: next hops, hop counts and classes."""
         hops = [freshness & 255 for freshness in self._freshness]
-        return self._next_hop.tobytes(), hops, bytes(self._inherent[::_INHERENT_BYTES])
+        return self._next_hop.tobytes(), hops, [flags & _CLS_BIT for flags in self._inherent[::_INHERENT_BYTES]]
 
     def search_robots(self) -> list[int]:
         """Other SRs to which there is a route, ascending (paper, II-A.3: the SRs in the network)."""

@@ -143,6 +143,8 @@ def host_config(run: str, endpoint: str, users: Iterable[str], dictionary_file: 
         "transport": {
             "shared_memory": {"enabled": False},
             "unicast": {"lowlatency": True, "qos": {"enabled": False}},
+            # Room for what a fleet of hundreds tells its watchers at once; one batch is 64 kB.
+            "link": {"tx": {"queue": {"size": {"data": 16}}}},
             "auth": {"usrpwd": {"dictionary_file": str(dictionary_file)}},
         },
         "access_control": rules(run, users),

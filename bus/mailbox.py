@@ -18,8 +18,11 @@ Put = Callable[[bytes], None]
 Message = tuple[str, bytes | None]
 """(key, payload); None as the payload says that the token of that key is gone."""
 
-PART_BYTES: Final = 32_768
+PART_BYTES: Final = 32_000
+"""Two of them fit a batch of an ordinary link."""
 _MOST_PARTS: Final = 4096
+_SENDERS: Final = 2
+"""The old and the new process of a node share its keys."""
 _MARK: Final = struct.Struct("<III")
 """Message (a random number), part, parts."""
 
@@ -44,8 +47,8 @@ class Mailbox:
 
     def __init__(self) -> None:
         self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._begun: dict[str, tuple[int, list[bytes]]] = {}
-        """By key: the message whose first parts are there."""
+        self._begun: dict[str, dict[int, list[bytes]]] = {}
+        """By key and message: the parts that are there."""
         self.put = self._samples.put
         """Puts a `Message` from this process, or one of Zenoh's samples."""
 
@@ -69,14 +72,15 @@ class Mailbox:
         if len(mark) != _MARK.size:
             return data  # of no process of ours: let its decoder refuse it
         message, part, parts = _MARK.unpack(mark)
+        begun = self._begun.setdefault(key, {})
         if part == 0 and parts <= _MOST_PARTS:
-            self._begun[key] = message, []
-        begun = self._begun.get(key)
-        # Two processes of a node share its keys; and a part may be missing.
-        if begun is None or begun[0] != message or len(begun[1]) != part:
-            return None
-        begun[1].append(data)
+            if len(begun) == _SENDERS:  # the older one will not be finished any more
+                del begun[next(iter(begun))]
+            begun[message] = []
+        got = begun.get(message)
+        if got is None or len(got) != part:
+            return None  # a part is missing
+        got.append(data)
         if part + 1 < parts:
             return None
-        del self._begun[key]
-        return b"".join(begun[1])
+        return b"".join(begun.pop(message))

@@ -34,7 +34,7 @@ REFUSED_STATUS: Final = 4
 
 _POLL_S: Final = 0.5
 LATE_STOP_S: Final = 2.0
-"""A world's last word may come in so much later than the end of its token, which Zenoh sends ahead of all else."""
+"""A world's last word may come in so much later than the end of its token, which may overtake all else."""
 
 _NOBODY_S: Final = 60.0
 
@@ -140,6 +140,8 @@ class Member(Generic[S, I]):
         self.dropped = 0
         """Messages that were malformed."""
         self.phases = Phases(time.perf_counter)
+        self.over = False
+        """Whether the world has said that the run is over."""
         self._joined = False
         """Whether a turn has begun: what came before is no part of the ticks."""
         keys = self.session.keys
@@ -215,7 +217,8 @@ class Member(Generic[S, I]):
         kind, token, _ = unseal(data)
         if kind == Kind.REFUSED and token == self._token.incarnation:
             raise RefusedError(f"refused: another living process is already {self._token.role} {self._token.node}")
-        return kind == Kind.STOP
+        self.over = kind == Kind.STOP
+        return self.over
 
     def _token_changed(self, key: str, data: bytes | None) -> bool:
         lost = self._watch.see(key, data)
@@ -226,7 +229,7 @@ class Member(Generic[S, I]):
             message = self.mailbox.get(min(left_s, _POLL_S))
             if message is None:
                 continue
-            if message == END or (message[0] == self._word_key and message[1] and unseal(message[1])[0] == Kind.STOP):
+            if message == END or (message[0] == self._word_key and message[1] and self._told(message[1])):
                 return True
         raise LostError(f"{lost} is gone")
 

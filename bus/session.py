@@ -99,9 +99,9 @@ class Session:
 
         Args:
             login: whose, and where.
-            watching: this session takes no part in the ticks, and nobody waits for it: what it is too slow for is
-                dropped. To any other session the sender writes itself, without a queue and a thread between (a sixth
-                less processor time per tick), and waits when it is slow.
+            watching: this session takes no part in the ticks. Of what is not `blocking` it misses what it is too slow
+                for, and delays nobody. To any other session the sender writes itself, without a queue and a thread
+                between (a sixth less processor time per tick), and waits when it is slow.
             timeout_s: how long to try.
 
         Raises:

@@ -9,7 +9,6 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -38,6 +37,8 @@ MAP: Final = "map.yaml"
 
 _TOGETHER_TICKS: Final = 10
 """As many as come from the world at once."""
+_TOGETHER_S: Final = 0.2
+"""Nothing waits longer than this (wall time), as long as there are ticks."""
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +61,7 @@ def run(
     """
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     with exit_status():
-        Shell(config, login, out).run(recorder, live_port)
+        Shell(config, login, out, recorder, live_port).run()
 
 
 def next_part(out: Path) -> Path:
@@ -75,20 +76,21 @@ def next_part(out: Path) -> Path:
 class Shell:
     """What moves bytes around a station core."""
 
-    def __init__(self, config: StationConfig, login: Login, out: Path) -> None:
-        self._config, self._login, self._out = config, login, out
+    def __init__(
+        self, config: StationConfig, login: Login, out: Path, recorder: RecorderConfig | None, live_port: int | None
+    ) -> None:
+        self._config, self._out = config, out
         self._journal: IO[bytes] | None = None
+        # First who listens, then the member: with its token the ticks may begin.
+        self._screen = None if recorder is None else Screen(login, recorder, next_part(out), live_port)
         self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
         session = self._member.session
         self._put_final = session.publisher(session.keys.final("station"), blocking=True)
-        self._screen: Screen | None = None
 
-    def run(self, recorder: RecorderConfig | None, live_port: int | None) -> None:
+    def run(self) -> None:
         """All ticks; whatever ends them, the recording is closed."""
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda *_: self._member.mailbox.put(END))
-        if recorder is not None:
-            self._screen = Screen(self._login, self._member, recorder, next_part(self._out), live_port)
         try:
             self._ticks()
         finally:
@@ -115,12 +117,13 @@ class Shell:
             if self._screen is not None:
                 self._screen.show(station)
                 member.phases.mark("recording")
-        if self._screen is not None:
+        if self._screen is not None and member.over:
             self._screen.catch_up(last)
         if station is not None:
             save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
         counts = station.final() if station is not None else {}
-        self._put_final(msgpack.packb(counts | {"malformed": member.dropped}))
+        malformed = member.dropped + (0 if self._screen is None else self._screen.dropped)
+        self._put_final(msgpack.packb(counts | {"malformed": malformed}))
 
     def _start(self, sense: Sense) -> Station:
         """The core; after a restart, with what its predecessor had acknowledged."""
@@ -147,24 +150,19 @@ class Screen:
     That comes by a session of its own: a station that hangs must not stop those who tell it.
     """
 
-    def __init__(
-        self,
-        login: Login,
-        member: Member[Sense, Inbox],
-        config: RecorderConfig,
-        path: Path,
-        live_port: int | None,
-    ) -> None:
+    def __init__(self, login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> None:
         # Only a station that records needs Rerun.
         from monitor_station.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._views: list[StationView] = []
+        self._drained_s = time.monotonic()
         self._mailbox = Mailbox()
         self._session = Session.connect(login, watching=True)
         keys = self._session.keys
         self._feed, self._event, self._node_of = keys.feed, keys.event, keys.node_of
-        self._drop: Callable[[str, WireError], None] = member.drop
+        self.dropped = 0
+        """Messages that were malformed."""
         self._tick = -1
         """Of the last snapshot."""
         self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
@@ -172,15 +170,15 @@ class Screen:
     def show(self, station: Station) -> None:
         """Record one tick and whatever has come in meanwhile, some ticks together: code that has just run is fast."""
         self._views.append(station.view())
-        if len(self._views) >= _TOGETHER_TICKS:
+        if len(self._views) >= _TOGETHER_TICKS or time.monotonic() - self._drained_s > _TOGETHER_S:
             self._drain()
 
     def catch_up(self, tick: int) -> None:
         """Record what is still under way, up to the snapshot of a tick, unless it was lost."""
         self._drain()
         until_s = time.monotonic() + LATE_STOP_S
-        while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0:
-            self._record(self._mailbox.get(left_s))
+        while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0 and self._session.connected():
+            self._record(self._mailbox.get(min(left_s, _TOGETHER_S)))
 
     def close(self) -> None:
         """Close the file."""
@@ -189,6 +187,7 @@ class Screen:
         self._recorder.close()
 
     def _drain(self) -> None:
+        self._drained_s = time.monotonic()
         for view in self._views:
             self._recorder.station(view)
         self._views.clear()
@@ -202,7 +201,9 @@ class Screen:
         try:
             self._take(key, data or b"")
         except WireError as error:
-            self._drop(key, error)
+            self.dropped += 1
+            if self.dropped == 1:
+                log.warning("dropped a malformed message on %s: %s (further ones are only counted)", key, error)
 
     def _take(self, key: str, data: bytes) -> None:
         if key == self._feed:

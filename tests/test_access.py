@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import random
 import signal
+import threading
 from collections.abc import Iterator
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -160,11 +161,19 @@ def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
         assert ready.wait(30.0)
         assert watcher.pid is not None
         os.kill(watcher.pid, signal.SIGSTOP)
-        put = bus.robot.publisher(bus.keys.table(4), blocking=False)
-        for _ in range(2000):  # 40 MB, more than any buffer holds
-            put(bytes(20_000))
-        bus.robot.publisher(bus.keys.tx(4), blocking=True)(b"answer")
-        assert bus.arrives(bus.at_medium, bus.keys.tx(4), b"answer")
+        put, answer = bus.robot.publisher(bus.keys.table(4), blocking=False), bus.keys.tx(4)
+        put_answer = bus.robot.publisher(answer, blocking=True)
+
+        def speak() -> None:
+            for _ in range(2000):  # 40 MB, more than any buffer holds
+                put(bytes(20_000))
+            put_answer(b"answer")
+
+        speaker = threading.Thread(target=speak, daemon=True)
+        speaker.start()
+        speaker.join(20.0)
+        assert not speaker.is_alive(), "it waits for the watcher"
+        assert bus.arrives(bus.at_medium, answer, b"answer")
     finally:
         watcher.kill()
         watcher.join()

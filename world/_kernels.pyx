@@ -399,27 +399,15 @@ def merge(
     make_room,
 ):
     """agents.forwarding_table.ForwardingTable.merge: freshness of the entry `sticky`, or -1; -2 after a bad row."""
-    cdef const unsigned char* first = <const unsigned char*>PyBytes_AS_STRING(rows)
-    cdef const unsigned char* end = first + PyBytes_GET_SIZE(rows)
-    cdef const unsigned char* raw = first
-    cdef int dst, highest = -1
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
+    cdef int dst
     cdef uint64_t freshness, offered
     cdef int64_t present
     cdef bint possible
     cdef object about_sticky = -1
-    while raw < end:
-        dst = raw[0] | raw[1] << 8
-        if highest < dst <= max_node:
-            highest = dst
-        raw += ROW
-    if highest >= len(freshest):
-        make_room(highest)
-    cdef int64_t* fresh = <int64_t*>freshest.data.as_longlongs
-    cdef short* hops = next_hop.data.as_shorts
     cdef const short* hops_before = before.data.as_shorts
-    cdef Py_ssize_t known_before = len(before)
-    cdef char* said = PyByteArray_AS_STRING(inherent)
-    raw = first
+    cdef Py_ssize_t known_before = len(before), size = len(freshest)
     while raw < end:
         dst = raw[0] | raw[1] << 8
         freshness = uint64_at(raw + 2)
@@ -435,7 +423,7 @@ def merge(
             continue
         if dst > max_node:
             return -2
-        present = fresh[dst]
+        present = freshest.data.as_longlongs[dst] if dst < size else -1
         if present >= 0 and (
             offered < <uint64_t>present
             or (offered == <uint64_t>present and (dst >= known_before or hops_before[dst] != sender))
@@ -445,9 +433,12 @@ def merge(
             return -2
         if present < 0:
             known.append(dst)
-        fresh[dst] = <int64_t>offered
-        hops[dst] = sender if offered & 255 else -1
-        memcpy(said + dst * INHERENT, raw - INHERENT, INHERENT)
+        if dst >= size:
+            make_room(dst)
+            size = len(freshest)
+        freshest.data.as_longlongs[dst] = <int64_t>offered
+        next_hop.data.as_shorts[dst] = sender if offered & 255 else -1
+        memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
 
 
@@ -509,7 +500,7 @@ def set_inherent(
     raw[1] = flags >> 8 & 255
     for k in range(4):
         place = rint(per_metre * places[k])
-        if not fabs(place) <= 2147483647.0:
+        if not -2147483648.0 <= place <= 2147483647.0:
             raise OverflowError("a place lies farther away than 21 km")
         whole = <int32_t>place
         for byte in range(4):

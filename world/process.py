@@ -424,7 +424,7 @@ class Shell:
         self._await_answer()
 
     def _await_answer(self) -> None:
-        """Stay until the medium has the stop: the end of the token would overtake what was put before it."""
+        """Stay until the medium has the stop: the end of the token may overtake what was put before it."""
         patience, owed = Patience(time.monotonic()), 1 if self._asked is None else 2
         while owed and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
             message = self._mailbox.get(Patience.SLICE_S)
