@@ -107,7 +107,7 @@ class ForwardingTable:
     def shape(self) -> tuple[bytes, list[int], list[int]]:
         """What seldom changes: next hops, hop counts and classes."""
         hops = [freshness & 255 for freshness in self._freshness]
-        return self._next_hop.tobytes(), hops, [flags & _CLS_BIT for flags in self._inherent[::_INHERENT_BYTES]]
+        return self._next_hop.tobytes(), hops, [self.cls(dst) for dst in self.known]
 
     def search_robots(self) -> list[int]:
         """Other SRs to which there is a route, ascending (paper, II-A.3: the SRs in the network)."""
