@@ -35,8 +35,8 @@ RECORDING: Final = "recording.rrd"
 JOURNAL: Final = "journal"
 MAP: Final = "map.yaml"
 
-_TOGETHER_TICKS: Final = 10
-"""As many as come from the world at once."""
+_TOGETHER_TICKS: Final = 2
+"""Few, or the station is late for its next turn."""
 _TOGETHER_S: Final = 0.2
 """Nothing waits longer than this (wall time), as long as there are ticks."""
 
