@@ -55,7 +55,7 @@ def hop_of(freshness: int) -> int:
 
 
 def _possible(freshness: int) -> bool:
-    """Odd numbers are infinite, even ones are not."""
+    """Odd numbers are infinite, even ones are not, and none is out of reach."""
     return (freshness & 256 == 0) == (freshness & 255 > 0) and freshness < _MOST_FRESH
 
 
@@ -166,14 +166,13 @@ class ForwardingTable:
             WireError: not a run of ROW, a row that can't be, or the sender never said where it is; what came before it
                 is merged.
         """
-        me, freshest, next_hop = self.node, self._freshness, self._next_hop
         about_sticky = -1
         if len(rows) % ROW.size:
             raise WireError("not a run of rows")
         if kernels is not None:
             about_sticky = kernels.merge(
-                rows, me, sender, self.known, freshest, next_hop, self._inherent, before, sticky, MAX_NODE, _MOST_FRESH,
-                self._make_room,
+                rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
+                MAX_NODE, _MOST_FRESH, self._make_room,
             )  # fmt: skip
             if about_sticky == _BAD_ROW:
                 raise WireError(_BAD_ROW_WORDS)
@@ -187,7 +186,7 @@ class ForwardingTable:
                 # One hop more than the neighbor's own; an infinite metric stays what it is.
                 offered = freshness - 1 if freshness & 255 else freshness
                 present = self.freshness(dst)
-                if offered < present or dst == me:
+                if offered < present or dst == self.node:
                     continue
                 if offered == present and (dst >= len(before) or before[dst] != sender):
                     continue

@@ -22,7 +22,6 @@ from bus.session import Login, Mailbox, Message, Session
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
-from monitor_station.view import StationView
 from world.floor_plan import save_map
 from world.messages import STATION, Cls, Event, Sense, Snapshot
 
@@ -35,10 +34,7 @@ RECORDING: Final = "recording.rrd"
 JOURNAL: Final = "journal"
 MAP: Final = "map.yaml"
 
-_TOGETHER_TICKS: Final = 2
-"""Few, or the station is late for its next turn."""
-_TOGETHER_S: Final = 0.2
-"""Nothing waits longer than this (wall time), as long as there are ticks."""
+_POLL_S: Final = 0.2
 
 log = logging.getLogger(__name__)
 
@@ -155,8 +151,6 @@ class Screen:
         from monitor_station.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
-        self._views: list[StationView] = []
-        self._drained_s = time.monotonic()
         self._mailbox = Mailbox()
         self._session = Session.connect(login, watching=True)
         keys = self._session.keys
@@ -168,17 +162,15 @@ class Screen:
         self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
 
     def show(self, station: Station) -> None:
-        """Record one tick and whatever has come in meanwhile, some ticks together: code that has just run is fast."""
-        self._views.append(station.view())
-        if len(self._views) >= _TOGETHER_TICKS or time.monotonic() - self._drained_s > _TOGETHER_S:
-            self._drain()
+        """Record one tick and whatever has come in meanwhile."""
+        self._recorder.station(station.view())
+        self._drain()
 
     def catch_up(self, tick: int) -> None:
         """Record what is still under way, up to the snapshot of a tick, unless it was lost."""
-        self._drain()
         until_s = time.monotonic() + LATE_STOP_S
         while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0 and self._session.connected():
-            self._record(self._mailbox.get(min(left_s, _TOGETHER_S)))
+            self._record(self._mailbox.get(min(left_s, _POLL_S)))
 
     def close(self) -> None:
         """Close the file."""
@@ -187,10 +179,6 @@ class Screen:
         self._recorder.close()
 
     def _drain(self) -> None:
-        self._drained_s = time.monotonic()
-        for view in self._views:
-            self._recorder.station(view)
-        self._views.clear()
         while (message := self._mailbox.get(0.0)) is not None:
             self._record(message)
 
