@@ -30,6 +30,7 @@ from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session, new_token
 from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
 from deploy.operator_file import OPERATOR, write_operator
+from deploy.processors import Vigil, shared, virtual
 from deploy.run_folder import RunFolder
 from deploy.supervisor import Exit, Supervisor
 from world.messages import STATION, TICK_S, Event, Signal, Snapshot
@@ -86,6 +87,7 @@ class Launcher:
         record: bool = True,
         live_port: int | None = None,
         held: bool = False,
+        let_idle: bool = False,
     ) -> None:
         """Prepare a run.
 
@@ -97,6 +99,7 @@ class Launcher:
             record: leave a recording.
             live_port: serve the recording to viewers on this port, too.
             held: begin held, as by the operator's `hold`.
+            let_idle: let processors idle between ticks, even if a hypervisor lends them.
         """
         self._scenario = scenario
         self._folder = folder
@@ -104,6 +107,10 @@ class Launcher:
         self._record = record
         self._live_port = live_port
         self._held = held
+        self._shared = shared(scenario.robots + len(("station", "world", "medium")))
+        self._watched = () if let_idle or scenario.speed or not virtual() else self._shared
+        """Processors that are kept awake."""
+        self._vigil: Vigil | None = None
         self._recording_id = str(uuid.uuid4())
         self._sent_away: set[str] = set()
         """Processes that the world had killed."""
@@ -139,7 +146,7 @@ class Launcher:
         session: Session | None = None
         pump: _Pump | None = None
         try:
-            with Supervisor(self._run, self._folder.path / "logs", PRELOAD) as self._supervisor:
+            with Supervisor(self._run, self._folder.path / "logs", PRELOAD, self._shared) as self._supervisor:
                 self._start_all_but_one(self._supervisor)
                 session = self._connect(self._supervisor)
                 if session is not None:
@@ -150,7 +157,8 @@ class Launcher:
                     # The world waits for every robot, so with the last one nothing is told before somebody listens.
                     self._start_node(self._supervisor, self._scenario.robots)
                     self._show_pids(self._supervisor)
-                    self._attend(self._supervisor, session)
+                    with Vigil(self._watched, self._run) as self._vigil:
+                        self._attend(self._supervisor, session)
                 self._ends(self._supervisor.stop(_STOP_GRACE_S), expected=True)
                 if pump is not None:
                     pump.end()
@@ -308,6 +316,8 @@ class Launcher:
 
     def _receive(self, kind: str, rest: str, payload: bytes) -> None:
         if kind == "feed":
+            if self._vigil is not None:
+                self._vigil.sign()
             for snapshot in map(Snapshot.decode, unbatch(payload)):
                 self._folder.snapshot(snapshot)
                 self._view.snapshot(snapshot)

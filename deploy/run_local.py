@@ -65,6 +65,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
     p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
     p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
+    p.add_argument(
+        "--let-idle", action="store_true",
+        help="in a virtual machine: let processors idle between ticks (a run at full speed keeps them awake otherwise)",
+    )  # fmt: skip
     p.add_argument("-q", "--quiet", action="store_true", help="show nothing but what failed")
     return p
 
@@ -210,7 +214,7 @@ def _run_processes(
     live_port = port_of(free_endpoint()) if options.live else None
     launcher = Launcher(
         scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
-        held=options.hold,
+        held=options.hold, let_idle=options.let_idle,
     )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: launcher.interrupt())

@@ -70,11 +70,22 @@ class Supervisor:
     Not thread-safe but for `wake`.
     """
 
-    def __init__(self, run: str, logs: Path, preload: Sequence[str] = ()) -> None:
+    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), processors: Sequence[int] = ()) -> None:
+        """Start the fork server.
+
+        Args:
+            run: its name, for the titles of processes.
+            logs: folder for a file per process.
+            preload: modules that the fork server imports.
+            processors: each process is kept on one of these, by turns; empty: the kernel has its way.
+        """
         self._run = run
         self._logs = logs
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
+        self._processors = processors
+        self._places: dict[str, int] = {}
+        """Processors by process name: who is started again keeps his."""
         self._living: dict[str, BaseProcess] = {}
         self._wake_r, self._wake_w = os.pipe()
         os.set_blocking(self._wake_r, False)
@@ -90,7 +101,10 @@ class Supervisor:
         """
         if name in self._living:
             raise ValueError(f"{name} is alive already")
-        entry = (f"vds {name} {self._run}", self.log_path(name), target, args)
+        processor = None
+        if self._processors:
+            processor = self._places.setdefault(name, self._processors[len(self._places) % len(self._processors)])
+        entry = (f"vds {name} {self._run}", self.log_path(name), processor, target, args)
         process = self._context.Process(target=_child, args=entry, name=name, daemon=True)
         process.start()
         self._living[name] = process
@@ -195,9 +209,11 @@ def _start_fork_server() -> None:
             signal.signal(signal.SIGINT, before)
 
 
-def _child(title: str, log: Path, target: Callable[..., None], args: tuple[Any, ...]) -> None:
+def _child(title: str, log: Path, processor: int | None, target: Callable[..., None], args: tuple[Any, ...]) -> None:
     """First function of every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if processor is not None:
+        os.sched_setaffinity(0, {processor})  # before there are other threads, which inherit it
     with log.open("ab", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
