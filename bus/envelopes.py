@@ -13,7 +13,9 @@ from typing import Final, NamedTuple
 
 from bus.codec import WireError, head, integer, pack, unpack
 
-__all__ = ["Answer", "Moves", "Opening", "Turn"]
+__all__ = ["NO_TICK", "Answer", "Moves", "Opening", "Turn"]
+
+NO_TICK: Final = -1
 
 _MOST: Final = 2**31 - 1
 _TURN: Final = struct.Struct("<I")
@@ -91,18 +93,26 @@ class Moves(NamedTuple):
 
     answers: Sequence[tuple[int, int, int, bytes]]
     """(node, incarnation of the token of its process, tick, motion)"""
+    complete: int = NO_TICK
+    """The tick that these answers complete: the medium waits for nobody any more, and nothing comes after."""
+    counted: Sequence[int] = ()
+    """Nodes whose transmission counts in that tick: all of the roster unless one departed during it."""
 
     def encode(self) -> bytes:
-        return pack((self.answers,))
+        return pack(self)
 
     @classmethod
     def decode(cls, data: bytes) -> Moves:
-        (answers,) = unpack(data, 1)
-        if not isinstance(answers, list):
-            raise WireError("moves are a list")
+        answers, complete, counted = unpack(data, 3)
+        if not isinstance(answers, list) or not isinstance(counted, list):
+            raise WireError("moves and who counted are lists")
         for item in answers:
             if not isinstance(item, list) or len(item) != 4 or not isinstance(item[3], bytes):
                 raise WireError("a move is (node, incarnation, tick, motion)")
             for value, most in zip(item, (_MOST, 2**32 - 1, _MOST), strict=False):
                 integer(value, 0, most)
-        return cls([(node, token, tick, motion) for node, token, tick, motion in answers])
+        return cls(
+            [(node, token, tick, motion) for node, token, tick, motion in answers],
+            integer(complete, NO_TICK, _MOST),
+            [integer(node, 0, _MOST) for node in counted],
+        )

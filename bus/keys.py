@@ -40,7 +40,7 @@ class Row:
 TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
-    "done": Row("@sim/done", "put", ("medium",), ("world",)),
+    "pong": Row("@sim/pong", "put", ("medium",), ("world",)),
     "tx": Row("@sim/tx/{node}", "put", ("node",), ("medium",)),
     "moved": Row("@sim/moved", "put", ("medium",), ("world",)),
     "rx": Row("@sim/rx/{node}", "put", ("medium",), ("node",)),
@@ -106,9 +106,9 @@ class Keys:
         return self.key("positions")
 
     @property
-    def done(self) -> str:
-        """Medium -> world: `Done`, or nothing as the answer to a ping and to the stop."""
-        return self.key("done")
+    def pong(self) -> str:
+        """Medium -> world: nothing, as the answer to a ping and to the stop."""
+        return self.key("pong")
 
     def tx(self, node: int | str) -> str:
         """Node -> medium: `Answer` behind a header, with a `Transmission` and, for the world, a `Motion` (or the
@@ -118,7 +118,7 @@ class Keys:
 
     @property
     def moved(self) -> str:
-        """Medium -> world: `Moves`, all that nodes answered since the last."""
+        """Medium -> world: `Moves`, all that nodes answered since the last, and that a tick is complete."""
         return self.key("moved")
 
     def rx(self, node: int | str) -> str:

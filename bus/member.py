@@ -218,6 +218,8 @@ class Member(Generic[S, I]):
         if kind == Kind.REFUSED and token == self._token.incarnation:
             raise RefusedError(f"refused: another living process is already {self._token.role} {self._token.node}")
         self.over = kind == Kind.STOP
+        if self.over:
+            log.info("the world says that the run is over: this process ends")
         return self.over
 
     def _token_changed(self, key: str, data: bytes | None) -> bool:

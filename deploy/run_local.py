@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NoReturn
@@ -61,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/SCENARIO-TIME)")
-    p.add_argument("--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one)")
+    p.add_argument("--port", type=int, metavar="N", help="TCP port of the run's router (default: a socket)")
     p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
     p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
     p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
@@ -84,7 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
         scenario = _scenario(options)
         baseline = _baseline(options.compare, scenario)
-        endpoint = None if options.in_process else _endpoint(options.port)
+        endpoint = None if options.port is None else _endpoint(options.port)
         out = _folder(options.out, scenario.name)
     except BadInputError as error:
         print(f"run_local.py: {error}", file=sys.stderr)
@@ -133,11 +134,9 @@ def _speed(text: str | None) -> str | float | None:
         raise BadInputError(f"--speed {text}: expected max or a number") from None
 
 
-def _endpoint(port: int | None) -> str:
-    from bus.session import BusError, free_endpoint, require_free
+def _endpoint(port: int) -> str:
+    from bus.session import BusError, require_free
 
-    if port is None:
-        return free_endpoint()
     if not 0 < port < 65_536:
         raise BadInputError(f"--port {port}: a port is 1 to 65535")
     endpoint = f"tcp/127.0.0.1:{port}"
@@ -183,8 +182,9 @@ def _run(
     console = Console(stderr=False, quiet=options.quiet)
     with RunFolder(out, scenario, baseline) as folder:
         view = _view(options, console, scenario.cell_names)
-        view.line(f"run folder {out}, process ids in {out / 'pids.json'}" if endpoint else f"run folder {out}")
-        if endpoint is None:
+        pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
+        view.line(f"run folder {out}{pids}")
+        if options.in_process:
             from deploy.run_in_process import run_in_process
 
             summary, failures = run_in_process(scenario, folder, view, record=not options.no_recording)
@@ -205,20 +205,22 @@ def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...])
 
 
 def _run_processes(
-    options: argparse.Namespace, scenario: Scenario, endpoint: str, folder: Any, view: View
+    options: argparse.Namespace, scenario: Scenario, endpoint: str | None, folder: Any, view: View
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    from bus.session import free_endpoint, port_of
+    from bus.session import free_endpoint, local_endpoint, port_of
     from deploy.launcher import Launcher
     from deploy.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None
-    launcher = Launcher(
-        scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
-        held=options.hold, let_idle=options.let_idle,
-    )  # fmt: skip
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: launcher.interrupt())
     with contextlib.ExitStack() as beside:
+        if endpoint is None:
+            endpoint = local_endpoint(Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-"))))
+        launcher = Launcher(
+            scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
+            held=options.hold, let_idle=options.let_idle,
+        )  # fmt: skip
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda *_: launcher.interrupt())
         if live_port is not None:
             web_port = None if has_display(os.environ) else port_of(free_endpoint())
             beside.enter_context(LiveViewer(live_port, web_port, folder.path / "logs" / "viewer.log", view.line))

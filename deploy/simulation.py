@@ -140,13 +140,14 @@ class Simulation:
                     watch.table(table)
             transmissions[node] = Transmission(sense.tick, node, frames)
         self._inboxes = self.medium.step(begin.positions, transmissions)
-        end = world.end(motions, report)
+        stop = world.end(motions, report)
+        told = world.tell()
         if watch.snapshot is not None:
-            watch.snapshot(end.snapshot)
+            watch.snapshot(told.snapshot)
         if watch.event is not None:
-            for event in end.events:
+            for event in told.events:
                 watch.event(event)
-        return end.snapshot, end.stop is not None
+        return told.snapshot, stop is not None
 
     def _step_unheard(self, senses: Mapping[int, Sense]) -> None:
         """The step that a paused node still takes, as a process that is stopped does."""

@@ -81,11 +81,12 @@ def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
 
 
 def _with_processes(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
-    from bus.session import free_endpoint
+    from bus.session import local_endpoint
     from deploy.launcher import Launcher
     from deploy.live_table import Silence
 
-    return Launcher(scenario, folder, free_endpoint(), Silence(), record=False).run().summary
+    with tempfile.TemporaryDirectory(prefix="vds-") as place:
+        return Launcher(scenario, folder, local_endpoint(Path(place)), Silence(), record=False).run().summary
 
 
 def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
 import msgpack
 
 from bus.codec import WireError
-from bus.envelopes import Answer, Moves, Opening, Turn
+from bus.envelopes import NO_TICK, Answer, Moves, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
 from bus.member import LATE_STOP_S, LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
@@ -23,7 +23,7 @@ from bus.session import Login, Mailbox, Put, Session, new_token
 from medium.config import MediumConfig
 from medium.core import Medium
 from medium.messages import Inbox, Transmission
-from world.messages import Departed, Done, Positions
+from world.messages import Departed, Positions
 
 __all__ = ["run"]
 
@@ -84,7 +84,7 @@ class Shell:
         keys = session.keys
         self._positions_key = keys.positions
         self._nodes: dict[str, int] = {}
-        self._put_done = session.publisher(keys.done, blocking=True)
+        self._put_pong = session.publisher(keys.pong, blocking=True)
         self._put_moved = session.publisher(keys.moved, blocking=True)
         self._put_final = session.publisher(keys.final("medium"), blocking=True)
         self._phases = Phases(time.perf_counter)
@@ -137,7 +137,7 @@ class Shell:
         kind, _, body = unseal(data)
         if kind == Kind.STOP:
             self._stopped = True
-            self._put_done(b"")
+            self._put_pong(b"")
         elif kind == Kind.DEPARTED:
             departed = Departed.decode(body)
             if departed.tick == self._gather.tick:
@@ -145,7 +145,7 @@ class Shell:
                 self._step_if_complete()
         elif kind == Kind.PING:
             self._pass_on()
-            self._put_done(b"")
+            self._put_pong(b"")
         else:
             self._begin(Opening.decode(body))
 
@@ -186,23 +186,23 @@ class Shell:
             else:
                 self._pass_on()  # of a node that was given up: that it is back is news
 
-    def _pass_on(self) -> None:
+    def _pass_on(self, complete: int = NO_TICK, counted: Sequence[int] = ()) -> None:
         """Let the world have what came in; it learns who was last by the order."""
-        if self._moves:
-            self._put_moved(Moves(self._moves).encode())
+        if self._moves or complete != NO_TICK:
+            self._put_moved(Moves(self._moves, complete, counted).encode())
             self._moves = []
 
     def _step_if_complete(self) -> None:
         positions = self._positions
         if self._gather.missing or positions is None:
             return
-        self._pass_on()  # before the step: the world reads it meanwhile
         self._positions = None
         transmissions = self._gather.messages
+        # Before the step: the world goes on meanwhile.
+        self._pass_on(positions.tick, tuple(transmissions))
         self._phases.mark("decode")
         inboxes = self._core.step(positions, transmissions)
         self._phases.mark("step")
-        self._put_done(Done(positions.tick, tuple(transmissions)).encode())
         self._inboxes = {node: inbox.encode() for node, inbox in inboxes.items()}
         self._phases.mark("encode")
         if positions.tick % REPORT_TICKS == 0:

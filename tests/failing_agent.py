@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from agents.process import run
 from agents.robot import Robot
-from bus.session import free_endpoint
+from bus.session import local_endpoint
 from deploy.launcher import Launcher
 from deploy.live_table import Silence
 from deploy.run_folder import RunFolder
@@ -42,8 +43,9 @@ class FailingLauncher(Launcher):
 
 def main() -> int:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0})
-    with RunFolder(Path(sys.argv[1]), scenario) as folder:
-        outcome = FailingLauncher(scenario, folder, free_endpoint(), Silence(), record=False).run()
+    with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as place:
+        endpoint = local_endpoint(Path(place))
+        outcome = FailingLauncher(scenario, folder, endpoint, Silence(), record=False).run()
     print(*outcome.failures, sep="\n")
     return outcome.exit_status
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from world.config import WorldConfig
-from world.core import Begin, End, World
+from world.core import Begin, World
 from world.grid import GridGeometry
-from world.messages import Cls, Event, Motion, Report, Signal, Status
+from world.messages import Cls, Event, Motion, Report, Signal, Snapshot, Status, Stop
 
 GEOMETRY = GridGeometry(40, 40, 0.5)
 ROOM = np.zeros((40, 40), np.bool_)
@@ -38,6 +38,14 @@ def chain(node: int) -> Status:
     return Status(cls=Cls.RR, nms=node - 1, hops=node)
 
 
+class End(NamedTuple):
+    """What came of a tick."""
+
+    snapshot: Snapshot
+    events: tuple[Event, ...]
+    stop: Stop | None
+
+
 class Run:
     """Drives a world in the way an in-process simulation does."""
 
@@ -56,7 +64,12 @@ class Run:
             for node in sorted(self.world.awaited()):
                 self.world.arrive(node, new=True)
         self.begun.append(self.world.begin())
-        self.ended.append(self.world.end(self.motions(), report))
+        return self.end(self.motions(), report)
+
+    def end(self, motions: dict[int, Motion], report: Report | None = None) -> End:
+        stop = self.world.end(motions, report)
+        told = self.world.tell()
+        self.ended.append(End(told.snapshot, told.events, stop))
         return self.ended[-1]
 
     def motions(self) -> dict[int, Motion]:

@@ -32,9 +32,9 @@ from bus.session import Login, Mailbox, Session, credentials, free_endpoint
 from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox
 from world.config import Lidar, WorldConfig
-from world.core import End, World
+from world.core import World
 from world.grid import UNKNOWN, GridGeometry
-from world.messages import Event, Motion, Report, Sense, Signal, Snapshot, Status
+from world.messages import Event, Motion, Report, Sense, Signal, Snapshot, Status, Stop
 
 # Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
@@ -106,7 +106,7 @@ def medium_process(config: MediumConfig, login: Login, users: dict[str, str], lo
 
 
 class BrokenWorld(World):
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None:
         if self.tick == 50:
             raise ZeroDivisionError("at tick 50")
         return super().end(motions, report)

@@ -37,7 +37,7 @@ class Bus:
         self.at_medium, self.at_world, self.at_robot = Mailbox(), Mailbox(), Mailbox()
         keys = self.keys = Keys("access")
         self.medium.subscribe(self.at_medium, keys.tx("*"), keys.positions)
-        self.world.subscribe(self.at_world, keys.moved, keys.done)
+        self.world.subscribe(self.at_world, keys.moved, keys.pong)
         self.tokens_of_world = Mailbox()
         self.medium.watch(self.tokens_of_world, keys.alive("world"))
         self.world_is_known()
@@ -98,7 +98,7 @@ def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
 
 def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
     keys = bus.keys
-    to_world = (keys.moved, keys.done)
+    to_world = (keys.moved, keys.pong)
     for key in (keys.tx(5), keys.tx("*"), keys.tx(0), keys.rx(4), keys.word(4), keys.positions, *to_world):
         if "*" not in key:
             bus.robot.publisher(key, blocking=True)(b"spoof")

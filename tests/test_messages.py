@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from agents.messages import MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
 from medium.messages import Inbox, Transmission
-from world.messages import Departed, Done, Event, Jam, Motion, Positions, Report, Sense, Snapshot, Status, Stop
+from world.messages import Departed, Event, Jam, Motion, Positions, Report, Sense, Snapshot, Status, Stop
 
 coordinate = st.floats(-1e6, 1e6)
 tick = st.integers(0, 2**31 - 1)
@@ -46,7 +46,6 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
         st.lists(st.builds(Jam, region_m=region) | st.builds(Jam, pair=pair), max_size=2).map(tuple), st.floats(0, 1),
     ),
     st.builds(Departed, tick, node),
-    st.builds(Done, tick, st.lists(node).map(tuple)),
     st.builds(Stop, tick, st.sampled_from(["searched", "time_limit"])),
     st.builds(
         Snapshot, tick, column(np.int16), column(np.uint8), column(np.float64, columns=2), column(np.uint8),
@@ -71,7 +70,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
 ]  # fmt: skip
 FIXED = Sense | Motion | Inbox
 """With a fixed head: almost anything of the right length is one of these."""
-PACKED = [Report, Positions, Departed, Done, Stop, Snapshot, Event, Transmission, Update, ScanReport, MapChunk, Table]
+PACKED = [Report, Positions, Departed, Stop, Snapshot, Event, Transmission, Update, ScanReport, MapChunk, Table]
 
 
 def plain(value: Any) -> Any:

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import pytest
 from conftest import ROOT, alive, wait_until
 
-from bus.session import BusError, Login, Session
+from bus.session import BusError, Login, Session, free_endpoint, port_of
 
 SCRIPT = ROOT / "deploy" / "run_local.py"
 CTL = ROOT / "deploy" / "ctl.py"
@@ -100,6 +101,22 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
         ended = run("--port", port, "--out", tmp_path / "run")
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
     assert str(port) in ended.stderr
+
+
+def test_the_router_is_a_socket_or_a_port_and_nothing_of_it_stays(tmp_path: Path) -> None:
+    short = Path(tempfile.mkdtemp(prefix="vds-test-"))
+    digests = set()
+    for name, port in ("socket", []), ("port", ["--port", port_of(free_endpoint())]):
+        out = tmp_path / name
+        ended = subprocess.run(
+            command("--robots", 2, "--duration", 3, "--out", out, "-q", *port),
+            env=dict(os.environ, TMPDIR=str(short)), timeout=120, check=False,
+        )  # fmt: skip
+        assert ended.returncode == 0
+        assert not list(short.iterdir())
+        digests.add(json.loads((out / "summary.json").read_text())["trace_sha256"])
+    short.rmdir()
+    assert len(digests) == 1
 
 
 @pytest.mark.parametrize("script", [["run_local.py", "--robots", "9"], ["ctl.py", "status"], ["study.py", "fig6"]])

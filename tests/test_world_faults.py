@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from tests.hand_driven import Run, config
+from tests.hand_driven import Run, chain, config
 from world.config import Fault, Lidar
+from world.core import Told
 from world.faults import check_fault, describe, fault_form, parse_fault, resolve
 from world.messages import NOBODY, UNREACHABLE, Cls, Report, Signal, Snapshot, Status
 
@@ -25,7 +26,7 @@ def test_a_death_nobody_scheduled(counted: bool) -> None:
     run.world.depart(2, "died", counted=counted)
     if not counted:
         del motions[2]
-    run.ended.append(run.world.end(motions, None))
+    run.end(motions)
     run.until(30)
     assert run.present_at(2) == list(range(21))
     assert run.world.awaited() == frozenset()
@@ -91,7 +92,7 @@ def test_nobody_leaves_and_joins_within_a_tick() -> None:
     run.begun.append(run.world.begin())
     run.world.depart(1, "died", counted=True)
     run.world.arrive(1, new=True)
-    run.ended.append(run.world.end(run.motions(), None))
+    run.end(run.motions())
     run.until(8)
     assert run.present_at(1) == [0, 1, 2, 3, 4, 5, 7, 8]
     assert run.world.final()["faults"] == [{"verb": "restart", "target": "1", "at_s": 0.6, "for_s": 0.1}]
@@ -334,3 +335,43 @@ def test_a_verdict_is_told_as_soon_as_it_is_final() -> None:
     assert told.tick == 30
     assert told.data == run.world.final()["recoveries"][0]
     assert told.text == "pause:2@2+1: cut off 3, 4; the last has a route again after 1 s"
+
+
+# The account of a tick
+
+
+def test_a_tick_may_be_told_of_when_the_next_has_begun() -> None:
+    """Whatever happens in between, and as late as the caller likes."""
+    faults = (Fault("restart", 3.5, "relay:first", 0.8), Fault("pause", 5.0, "relay:first", 0.5))
+    at_once, late = Run(config(faults=faults)), Run(config(faults=faults))
+    told: dict[Run, list[Told]] = {at_once: [], late: []}
+    for tick in range(70):
+        for run in (at_once, late):
+            world = run.world
+            if tick == 0:
+                run.status[4] = Status(nms=3, hops=4, target_x_m=1.0)
+            if tick == 5:
+                world.depart(4, "died", counted=False)  # which cuts nobody off
+            if tick == 20:
+                world.arrive(4, new=True)
+            if tick == 24:
+                run.status[4] = Status(nms=2, hops=3)  # and not 3 any more
+            if tick == 25:
+                world.depart(3, "died", counted=False)
+            if tick > 30:
+                first = tick % 2 + 1  # another one is next to the MS in every tick
+                run.status = {n: Status(nms=first, hops=2) for n in range(1, 5)} | {first: chain(1)}
+            for node in sorted(world.awaited()):
+                world.arrive(node, new=True)
+            run.begun.append(world.begin())
+            if run is late and tick:
+                told[run].append(world.tell())
+            world.end(run.motions(), None)
+            if run is at_once:
+                told[run].append(world.tell())
+    told[late].append(late.world.tell())
+    now, then = told.values()
+    assert [a.snapshot.encode() for a in now] == [b.snapshot.encode() for b in then]
+    assert [a.events for a in now] == [b.events for b in then]
+    assert sum(len(a.events) for a in now) > 8
+    assert at_once.world.final() == late.world.final()

@@ -2,7 +2,8 @@
 
 The caller's duty: at every tick wait until `awaited()` is empty, call `begin()`, hand out what it returns, collect the
 motions of the roster and the station's report, and call `end()`. `arrive`, `depart`, `inject`, `interrupt` and `fail`
-may come at any time in between. Whatever is random comes from a generator of the seed, one per purpose.
+may come at any time in between. `tell()` says what a tick came to, and may wait until the next one has begun. Whatever
+is random comes from a generator of the seed, one per purpose.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from world.recovery import Recoveries
 from world.roster import Roster
 from world.senses import Purpose, Senses, seeded
 
-__all__ = ["Begin", "End", "World"]
+__all__ = ["Begin", "Told", "World"]
 
 
 @dataclass(slots=True, init=False)
@@ -74,18 +75,33 @@ class Begin:
 
 
 @dataclass(slots=True, init=False)
-class End:
-    """What the world says at the end of a tick."""
+class Told:
+    """What a tick came to."""
 
     snapshot: Snapshot
     events: tuple[Event, ...]
-    stop: Stop | None
-    """The run ends with this tick."""
 
-    def __init__(self, snapshot: Snapshot, events: tuple[Event, ...], stop: Stop | None) -> None:
+    def __init__(self, snapshot: Snapshot, events: tuple[Event, ...]) -> None:
         self.snapshot = snapshot
         self.events = events
-        self.stop = stop
+
+
+class _Ended:
+    """What the account of a tick that has ended is made of, besides the last statuses."""
+
+    def __init__(
+        self,
+        tick: int,
+        present: list[bool],
+        xy_m: NDArray[np.float64],
+        report: Report | None,
+        events: tuple[Event, ...],
+    ) -> None:
+        self.tick = tick
+        self.present = present
+        self.xy_m = xy_m
+        self.report = report
+        self.events = events
 
 
 class World:
@@ -112,7 +128,10 @@ class World:
         self._discarded_before = [0] * config.robots
         self._reported: tuple[tuple[float, ...], int, tuple[int, ...]] = ((), 0, ())
         """The station's last word: search rates, reports merged, victims found."""
-        self._snapshot = self._photograph(None)
+        self._snapshot = self._photograph(_Ended(0, self._present(), self._xy[1:].copy(), None, ()))
+        self._ended: _Ended | None = None
+        """The last tick, while it is not accounted for."""
+        self._told = Told(self._snapshot, ())
         self._schedule: dict[int, list[Fault]] = {}
         for fault in config.faults:
             self._schedule.setdefault(tick_of(fault.at_s), []).append(fault)
@@ -138,6 +157,7 @@ class World:
         Raises:
             ValueError: the node has a living process already.
         """
+        self._account()
         self._roster.arrive(node, new=new)
         if new and node != STATION:
             past = self._statuses[node - 1]
@@ -153,6 +173,7 @@ class World:
             cause: why.
             counted: its frames and motion of the tick that has begun still counted.
         """
+        self._account()
         since = self.tick + (1 if counted and self._ticking else 0)
         entry = self._roster.depart(node, since, process=cause == "unresponsive")
         if entry is None:
@@ -182,6 +203,8 @@ class World:
         if self._ticking or awaited:
             raise RuntimeError(f"tick {self.tick} cannot begin: begun {self._ticking}, awaited {sorted(awaited)}")
         tick = self.tick
+        if self._by_hand or tick in self._schedule:
+            self._account()
         signals = self._admit(tick)
         before = self._roster.nodes()
         signals += self._act(tick)
@@ -197,8 +220,8 @@ class World:
             self._senses.at(tick, paused, self._xy, self._roster) if paused else {},
         )
 
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:
-        """End the tick: move everybody, judge, and say whether the run is over.
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None:
+        """End the tick: move everybody and judge; returns how the run ends if it does.
 
         Args:
             motions: of every robot that took part and has not departed since; of those that departed, if it counted.
@@ -210,22 +233,24 @@ class World:
         missing = [n for n in self._taking_part if n != STATION and n not in motions and self._roster.present(n)]
         if not self._ticking or missing:
             raise RuntimeError(f"tick {self.tick} cannot end: begun {self._ticking}, motions missing of {missing}")
+        self._account()
         for node in self._taking_part:
             if node in motions:
                 self._statuses[node - 1] = motions[node].status
-        before, self._snapshot = self._snapshot, self._photograph(report)
-        self._count()
-        verdicts: tuple[Event, ...] = ()
-        if self._recoveries.watching:
-            speaks = report is not None and not report.silent
-            verdicts = self._recoveries.update(before, self._snapshot, station_speaks=speaks, reports=self._reports())
-        events = (*self._events, *changes(before, self._snapshot, self._config.cell_names), *verdicts)
+        self._ended = _Ended(self.tick, self._present(), self._xy[1:].copy(), report, tuple(self._events))
         self._events = []
         self._move(motions)
         stop = self._judge(report)
         self._ticking = False
         self.tick += 1
-        return End(self._snapshot, events, stop)
+        if self._recoveries.watching:
+            self._account()
+        return stop
+
+    def tell(self) -> Told:
+        """What the tick that ended last came to; may be asked when the next has begun, so that nobody waits for it."""
+        self._account()
+        return self._told
 
     def interrupt(self) -> None:
         """Let the run end with this or the next tick."""
@@ -238,6 +263,7 @@ class World:
 
     def final(self) -> dict[str, Any]:
         """The world's part of the summary; `faults` is what acted, in the form that a scenario accepts."""
+        self._account()
         statuses = self._statuses
         present = [s for node, s in enumerate(statuses, 1) if self._roster.present(node)]
         summary: dict[str, Any] = {
@@ -335,10 +361,26 @@ class World:
                 velocities[node - 1] = motions[node].vx_m_s, motions[node].vy_m_s
         self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocities, self._config.top_speed_m_s)
 
-    def _photograph(self, report: Report | None) -> Snapshot:
-        """The snapshot of this tick; one who is away shows no route, and else its last status."""
-        statuses = self._statuses
-        present = [self._roster.present(node) for node in range(1, len(statuses) + 1)]
+    def _present(self) -> list[bool]:
+        return [self._roster.present(node) for node in range(1, len(self._statuses) + 1)]
+
+    def _account(self) -> None:
+        """Work out what the last tick came to, unless that was done."""
+        ended, self._ended = self._ended, None
+        if ended is None:
+            return
+        before, self._snapshot = self._snapshot, self._photograph(ended)
+        self._count()
+        verdicts: tuple[Event, ...] = ()
+        if self._recoveries.watching:
+            speaks = ended.report is not None and not ended.report.silent
+            verdicts = self._recoveries.update(before, self._snapshot, station_speaks=speaks, reports=self._reports())
+        seen = changes(before, self._snapshot, self._config.cell_names)
+        self._told = Told(self._snapshot, (*ended.events, *seen, *verdicts))
+
+    def _photograph(self, ended: _Ended) -> Snapshot:
+        """The snapshot of a tick; one who was away shows no route, and else his last status."""
+        statuses, present, report = self._statuses, ended.present, ended.report
         routed = [status if here else _AWAY for status, here in zip(statuses, present, strict=True)]
         targets_m: list[float] = []
         for status in statuses:
@@ -346,10 +388,10 @@ class World:
         if report is not None:
             self._reported = (report.search_rate, report.merged, report.victims_found)
         return Snapshot(
-            self.tick,
+            ended.tick,
             self._nodes,
             _bytes(present),
-            self._xy[1:].copy(),
+            ended.xy_m,
             _bytes([status.cls for status in statuses]),
             _bytes([status.mode for status in statuses]),
             _bytes([status.hops for status in routed]),

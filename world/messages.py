@@ -364,29 +364,6 @@ class Signal:
         return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))
 
 
-@dataclass(slots=True, init=False)
-class Done:
-    """The medium has worked out who hears what of `tick`."""
-
-    tick: int
-    counted: tuple[int, ...]
-    """Nodes whose transmission counted in this tick: all of the roster unless one departed during it."""
-
-    def __init__(self, tick: int, counted: tuple[int, ...]) -> None:
-        self.tick = tick
-        self.counted = counted
-
-    def encode(self) -> bytes:
-        return pack((self.tick, self.counted))
-
-    @staticmethod
-    def decode(data: bytes) -> Done:
-        tick, counted = unpack(data, 2)
-        if not isinstance(counted, list):
-            raise WireError("counted is not a list")
-        return Done(integer(tick, 0, MAX_TICK), tuple(integer(n, 0, MAX_NODE) for n in counted))
-
-
 @dataclass(frozen=True, slots=True)
 class Stop:
     """The run ends after `tick`."""

@@ -16,16 +16,16 @@ from typing import Any, Final, Protocol
 import msgpack
 
 from bus.codec import WireError
-from bus.envelopes import Moves, Opening
+from bus.envelopes import NO_TICK, Moves, Opening
 from bus.lockstep import Gather, Kind, Patience, batch, seal
 from bus.member import LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Message, Session, new_token
 from world.attendance import Attendance
 from world.config import Fault, WorldConfig
-from world.core import Begin, End, World
+from world.core import Begin, Told, World
 from world.faults import check_fault, parse_fault
-from world.messages import STATION, TICK_S, Departed, Done, Event, Motion, Report, Snapshot, Stop
+from world.messages import STATION, TICK_S, Departed, Event, Motion, Report, Snapshot, Stop
 from world.pace import Pace
 from world.stopwatch import Stopwatch
 
@@ -63,7 +63,8 @@ class Core(Protocol):
     def depart(self, node: int, cause: str, *, counted: bool) -> None: ...
     def inject(self, fault: Fault) -> None: ...
     def begin(self) -> Begin: ...
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End: ...
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None: ...
+    def tell(self) -> Told: ...
     def interrupt(self) -> None: ...
     def fail(self, why: str) -> Stop: ...
     def final(self) -> dict[str, Any]: ...
@@ -85,7 +86,12 @@ class Shell:
         self._stopwatch = Stopwatch()
         self._phases = Phases(time.perf_counter)
         self._gather: Gather[Motion | Report] = Gather(-1, ())
-        self._done: Done | None = None
+        self._complete = NO_TICK
+        """The last tick for which the medium waits for nobody any more."""
+        self._counted: frozenset[int] = frozenset()
+        """Whose transmission counted in it."""
+        self._untold = False
+        """A tick has ended of which nobody has heard."""
         self._asked: Patience | None = None
         """Since when the medium owes an answer."""
         self._pongs = 0
@@ -123,8 +129,8 @@ class Shell:
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._put_feed = session.publisher(keys.feed, blocking=False)
         self._put_event = session.publisher(keys.event, blocking=False)
-        self._done_key, self._moved_key = keys.done, keys.moved
-        session.subscribe(self._mailbox, keys.moved, keys.done)
+        self._pong_key, self._moved_key = keys.pong, keys.moved
+        session.subscribe(self._mailbox, keys.moved, keys.pong)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
         session.answer(keys.control, self._command)
         session.declare(new_token("world"))
@@ -168,6 +174,7 @@ class Shell:
             self._send(begin)
             self._phases.mark("encode")
             sent_s = time.perf_counter()
+            self._publish()  # while the others are at work
             moved_s = self._collect(begin)
             done_s = time.perf_counter()
             stop = self._end()
@@ -177,6 +184,7 @@ class Shell:
             last = None if self._gather.last is None else _name(self._gather.last).replace(" ", "-")
             self._stopwatch.tick(started_s, sent_s, moved_s, done_s, time.perf_counter(), last)
             if stop is not None:
+                self._publish()
                 return stop
 
     def _ready(self) -> bool:
@@ -187,6 +195,7 @@ class Shell:
                 self._core.arrive(node, new=new)
             awaited = self._core.awaited()
             if awaited or not self._mediums:
+                self._publish()
                 if self._pace.interrupted:
                     return False
                 self._receive(Patience.SLICE_S)
@@ -197,12 +206,12 @@ class Shell:
             delay_s = self._pace.delay_s(self._core.tick)
             if delay_s <= 0.0:
                 return True
+            self._publish()
             self._receive(min(delay_s, Patience.SLICE_S))
             patience = Patience(time.monotonic())
 
     def _send(self, begin: Begin) -> None:
         self._gather = Gather(begin.tick, begin.senses)
-        self._done = None
         # A paused process takes its step when it thaws, as one that was stopped at any moment does.
         senses = [
             (node, seal(Kind.DATA, self._attendance.token(node), sense.encode()))
@@ -242,7 +251,7 @@ class Shell:
                     self._attendance.silent(node)
         moved_s = time.perf_counter()
         patience = Patience(time.monotonic())
-        while self._done is None:
+        while self._complete < begin.tick:
             self._receive(Patience.SLICE_S)
             deadline_s = config.hang_deadline_s if self._pace.interrupted else config.medium_deadline_s
             if patience.wait(time.monotonic()) > deadline_s:
@@ -273,9 +282,8 @@ class Shell:
 
     def _end(self) -> Stop | None:
         core, messages = self._core, self._gather.messages
-        counted = set(self._done.counted) if self._done is not None else set()
         for node, (_, cause) in self._leaving.items():
-            took = node in counted and node in messages
+            took = node in self._counted and node in messages
             log.info("tick %d: %s: %s", core.tick, _name(node), cause)
             core.depart(node, cause, counted=took)
             if not took:
@@ -285,14 +293,22 @@ class Shell:
             core.interrupt()
         motions: dict[int, Motion] = {n: m for n, m in messages.items() if isinstance(m, Motion)}
         report = messages.get(STATION)
-        end = core.end(motions, report if isinstance(report, Report) else None)
-        for event in end.events:
+        self._untold = True
+        return core.end(motions, report if isinstance(report, Report) else None)
+
+    def _publish(self) -> None:
+        """Let everybody who watches know what the last tick came to."""
+        if not self._untold:
+            return
+        self._untold = False
+        told = self._core.tell()
+        for event in told.events:
             self._put_event(event.encode())
-        self._last = end.snapshot
-        self._snapshots.append(end.snapshot)
+        self._last = told.snapshot
+        self._snapshots.append(told.snapshot)
         if len(self._snapshots) >= FEED_TICKS:
             self._flush()
-        return end.stop
+        self._phases.mark("recording")
 
     def _leave(self, node: int, token: int, cause: str) -> None:
         """A node of this tick's roster is gone: nobody waits for it any longer."""
@@ -328,18 +344,17 @@ class Shell:
     def _take(self, message: Message) -> None:
         key, data = message
         if key == self._moved_key and data is not None:
-            for node, token, tick, motion in Moves.decode(data).answers:
+            moves = Moves.decode(data)
+            for node, token, tick, motion in moves.answers:
                 try:
                     self._answered(node, token, tick, motion)
                 except WireError as error:
                     self._drop(f"answer of {_name(node)}", error)
-        elif key == self._done_key and not data:
+            if moves.complete != NO_TICK:
+                self._complete, self._counted = moves.complete, frozenset(moves.counted)
+        elif key == self._pong_key and data is not None:
             self._asked = None
             self._pongs += 1
-        elif key == self._done_key and data is not None:
-            done = Done.decode(data)
-            if done.tick == self._gather.tick:
-                self._done = done
         elif key == _BY_HAND and data is not None:
             self._core.inject(parse_fault(data.decode()))
         elif "/alive/" in key:
@@ -428,7 +443,7 @@ class Shell:
         patience, owed = Patience(time.monotonic()), 1 if self._asked is None else 2
         while owed and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
             message = self._mailbox.get(Patience.SLICE_S)
-            owed -= message == (self._done_key, b"")
+            owed -= message == (self._pong_key, b"")
             if message is None and not self._session.connected():
                 return
 

@@ -67,8 +67,7 @@ def _world(pattern: Pattern, result: Path, leaf: LeafMaker) -> None:
     tick, positions_bytes = 0, 18 * len(pattern.nodes)
     while times.tick():
         medium.send(bytes(positions_bytes + sum(pattern.sense_bytes(node, tick) for node in pattern.nodes)))
-        for _ in ("moves", "done"):
-            medium.receive()
+        medium.receive()
         tick += 1
     medium.send(_STOP)
     times.write()
@@ -83,7 +82,6 @@ def _medium(pattern: Pattern, folder: Path, hub: HubMaker) -> None:
         for _ in pattern.nodes:
             lines.receive()
         lines.send(_WORLD, moves)
-        lines.send(_WORLD, b"done")
         tick += 1
     for node in pattern.nodes:
         lines.send(node, _STOP)

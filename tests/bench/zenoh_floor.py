@@ -10,13 +10,13 @@ import numpy as np
 
 from bus.access import Login, credentials, user_name, users_of
 from bus.member import Member
-from bus.session import Session, free_endpoint
+from bus.session import Session, local_endpoint
 from deploy.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
 from world.config import Fault, WorldConfig
-from world.core import Begin, End
+from world.core import Begin, Told
 from world.grid import GridGeometry
 from world.messages import STATION, Motion, Positions, Report, Sense, Snapshot, Status, Stop
 from world.process import Shell as WorldShell
@@ -26,7 +26,7 @@ __all__ = ["start"]
 
 def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     """Start all processes of the floor; the world writes `result` at the end."""
-    logins = credentials("floor", free_endpoint(), pattern.robots)
+    logins = credentials("floor", local_endpoint(result.parent), pattern.robots)
     supervisor.start("medium", _medium, pattern, logins["medium"], users_of(logins))
     supervisor.start("world", _world, pattern, logins["world"], result)
     for node in pattern.nodes:
@@ -71,9 +71,12 @@ class _World:
         }  # fmt: skip
         return Begin(tick, senses, Positions(tick, self._nodes, self._xy), ())
 
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> End:  # noqa: ARG002
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None:  # noqa: ARG002
         self.tick += 1
-        return End(self._snapshot, (), Stop(self.tick - 1, "time_limit") if self._over else None)
+        return Stop(self.tick - 1, "time_limit") if self._over else None
+
+    def tell(self) -> Told:
+        return Told(self._snapshot, ())
 
     def inject(self, fault: Fault) -> None:
         raise RuntimeError(f"a fault on the floor: {fault}")
