@@ -13,8 +13,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
-import numpy as np
-
 from deploy.verdicts import lost_reports, settle
 from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
 
@@ -230,17 +228,21 @@ class _Progress:
         self._cells = cells
         self._connected = 0
         self._present = 0
+        self._rates: tuple[float, ...] | None = None
         self.max_hops = 0
         self.search_rate = dict.fromkeys(cells, 0.0)
         self.search_time_s: dict[str, float | None] = dict.fromkeys([*cells, "all"], None)
 
     def add(self, s: Snapshot) -> None:
-        present = s.present == 1
-        connected = present & (s.hops < UNREACHABLE)
-        self._present += int(np.count_nonzero(present))
-        self._connected += int(np.count_nonzero(connected))
-        if connected.any():
-            self.max_hops = max(self.max_hops, int(s.hops[connected].max()))
+        # For some robots a loop is quicker than numpy.
+        hops = [hops for here, hops in zip(s.present.tolist(), s.hops.tolist(), strict=True) if here]
+        connected = [metric for metric in hops if metric < UNREACHABLE]
+        self._present += len(hops)
+        self._connected += len(connected)
+        self.max_hops = max(self.max_hops, *connected, 0)
+        if s.search_rate == self._rates:
+            return
+        self._rates = s.search_rate
         now_s = round(s.tick * TICK_S, 1)
         for name, rate in zip(self._cells, s.search_rate, strict=False):
             self.search_rate[name] = rate

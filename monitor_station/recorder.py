@@ -42,14 +42,17 @@ _EVENT_PATHS: Final = {"fault": "fault", "drop": "fault", "recovery": "fault", "
 
 
 class Rows:
-    """Rows of one entity that wait to be sent: a tick and one array each."""
+    """Rows of one entity that wait to be sent: a tick and one array each, the values of which are a list in the row.
+
+    Those of `Wholes` are one value each.
+    """
 
     def __init__(self) -> None:
         self.ticks: list[int] = []
-        self.values: list[NDArray[Any]] = []
+        self.values: list[Any] = []
         self.extra: list[NDArray[Any]] = []
 
-    def add(self, tick: int, value: NDArray[Any], extra: NDArray[Any] | None = None) -> None:
+    def add(self, tick: int, value: Any, extra: NDArray[Any] | None = None) -> None:
         self.ticks.append(tick)
         self.values.append(value)
         if extra is not None:
@@ -63,6 +66,14 @@ class Rows:
     @property
     def lengths(self) -> list[int]:
         return [len(value) for value in self.values]
+
+
+class Wholes(Rows):
+    """Rows whose value is one, such as a document."""
+
+    @property
+    def lengths(self) -> list[int]:
+        return [1] * len(self.values)
 
 
 def _times(ticks: list[int]) -> tuple[rr.TimeColumn, rr.TimeColumn]:
@@ -102,6 +113,8 @@ class Recorder:
 
         self._tiles = MapTiles(config.geometry)
         self._seen_rows, self._names, self._rates, self._trail = Rows(), Rows(), Rows(), Rows()
+        self._tile_rows = {f"ms/map/{tile.name}": Wholes() for tile in self._tiles.tiles}
+        self._documents: dict[str, Wholes] = {}
         # A label hangs below its point: this keeps it clear of the robot's dot at the first view's scale.
         self._name_offset_m = np.array([0.0, -0.008 * config.geometry.rows * config.geometry.resolution_m], np.float32)
         self._seen_tick = -1
@@ -118,6 +131,8 @@ class Recorder:
         self._chain: tuple[int, ...] = ()
         self._gone = False
         self._pointers = b""
+        self._quiet = b""
+        """Presence, classes and modes, while all that they mean is shown."""
         self._states = np.full(config.robots, -1)
         self._steady = SteadyStates(config.robots)
         self._graph_key = b""
@@ -168,7 +183,7 @@ class Recorder:
 
     def _log_map(self, tick: int) -> None:
         for tile, pixels in self._tiles.take():
-            self._log(tick, f"ms/map/{tile.name}", rr.GridMap.from_fields(data=pixels))
+            self._tile_rows[f"ms/map/{tile.name}"].add(tick, np.frombuffer(pixels, np.uint8))
 
     def _log_robots(self, view: StationView) -> None:
         reached = view.reachable.astype(bool)
@@ -216,10 +231,13 @@ class Recorder:
         if regular or moved:
             self._links.add(tick, link_strips(snapshot, self._config.station_m), snapshot.nms)
             self._add_chain(snapshot, regular)
-        if regular or moved or self._few:
+        conduct = snapshot.present.tobytes() + snapshot.cls.tobytes() + snapshot.mode.tobytes()
+        if moved or (conduct != self._quiet and (regular or self._few)):
             states = self._steady.update(tick, states_of(snapshot, self._paused))
             self._log_states(snapshot, states)
             self._log_graph(snapshot, states)
+            # With many robots the graph lags behind, and must be looked at again.
+            self._quiet = conduct if self._few and self._steady.settled else b""
         if regular:
             self._true_rows.add(tick, snapshot.xy_m)
         if first or tick % 10 == 0:
@@ -291,6 +309,7 @@ class Recorder:
                 self._paused.add(event.node)
             else:
                 self._paused.discard(event.node)
+            self._quiet = b""
         where = _EVENT_PATHS.get(event.kind, "mission")
         level = "WARN" if where == "fault" else "INFO"
         self._log(event.tick, f"events/{where}", rr.TextLog(event.text, level=level))
@@ -304,8 +323,7 @@ class Recorder:
         if key == known:
             return
         self._tables[table.node] = (table.tick, key)
-        document = rr.TextDocument(table_markdown(table), media_type="text/markdown")
-        self._log(table.tick, f"network/table/{table.node}", document)
+        self._documents.setdefault(f"network/table/{table.node}", Wholes()).add(table.tick, table_markdown(table))
 
     # Sending
 
@@ -335,6 +353,13 @@ class Recorder:
         for path, rows in (("plots/search", self._rates), ("plots/network", self._hops)):
             if rows.ticks:
                 self._columns(path, rows, rr.Scalars.columns(scalars=np.concatenate(rows.values)))
+        for path, rows in self._tile_rows.items():
+            if rows.ticks:
+                self._columns(path, rows, rr.GridMap.columns(data=np.stack(rows.values)))
+        for path, rows in self._documents.items():
+            if rows.ticks:
+                kinds = [rr.MediaType.MARKDOWN] * len(rows.ticks)
+                self._columns(path, rows, rr.TextDocument.columns(text=rows.values, media_type=kinds))
 
     def _send_points(self, path: str, rows: Rows, z_m: float) -> None:
         if rows.ticks:

@@ -61,6 +61,11 @@ class SteadyStates:
         self._settled: bytes | None = None
         """What is shown, once nothing waits to be shown."""
 
+    @property
+    def settled(self) -> bool:
+        """Whether the last states to be shown are shown, and stay until they change."""
+        return self._settled is not None
+
     def update(self, tick: int, states: NDArray[np.int64]) -> NDArray[np.int64]:
         """States to show at a tick, shape (n,)."""
         key = states.tobytes()
