@@ -11,13 +11,22 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from bus.codec import WireError, head, integer, pack, unpack
+from bus.codec import WireError, head
 
 __all__ = ["NO_TICK", "Answer", "Moves", "Opening", "Turn"]
 
 NO_TICK: Final = -1
 
 _MOST: Final = 2**31 - 1
+_OPENING: Final = struct.Struct("<II")
+"""Length of the positions, number of senses."""
+_SENSE: Final = struct.Struct("<II")
+"""Node, length."""
+_MOVES: Final = struct.Struct("<iII")
+"""The tick that is complete, number of nodes that counted, number of answers."""
+_COUNTED: Final = struct.Struct("<I")
+_MOVE: Final = struct.Struct("<IIII")
+"""Node, incarnation, tick, length of the motion."""
 _TURN: Final = struct.Struct("<I")
 """Length of the sense."""
 _ANSWER: Final = struct.Struct("<II")
@@ -33,18 +42,27 @@ class Opening(NamedTuple):
     """By node, each behind a header that says for which process it is (`bus.lockstep.seal`)."""
 
     def encode(self) -> bytes:
-        return pack(self)
+        parts = [_OPENING.pack(len(self.positions), len(self.senses))]
+        parts += [_SENSE.pack(node, len(sense)) for node, sense in self.senses]
+        parts.append(self.positions)
+        parts += [sense for _, sense in self.senses]
+        return b"".join(parts)
 
     @classmethod
     def decode(cls, data: bytes) -> Opening:
-        positions, senses = unpack(data, 2)
-        if not isinstance(positions, bytes) or not isinstance(senses, list):
+        length, count = head(_OPENING, data)
+        at = _OPENING.size + _SENSE.size * count
+        heads, positions = data[_OPENING.size : at], data[at : at + length]
+        at += length
+        if at > len(data):
             raise WireError("an opening is positions and senses")
-        for item in senses:
-            if not isinstance(item, list) or len(item) != 2 or not isinstance(item[1], bytes):
-                raise WireError("a sense is (node, bytes)")
-            integer(item[0], 0, _MOST)
-        return cls(positions, [(node, sense) for node, sense in senses])
+        senses: list[tuple[int, bytes]] = []
+        for node, size in _SENSE.iter_unpack(heads):
+            senses.append((node, data[at : at + size]))
+            at += size
+        if at != len(data):
+            raise WireError("senses have another length than they say")
+        return cls(positions, senses)
 
 
 class Turn:
@@ -99,20 +117,23 @@ class Moves(NamedTuple):
     """Nodes whose transmission counts in that tick: all of the roster unless one departed during it."""
 
     def encode(self) -> bytes:
-        return pack(self)
+        parts = [_MOVES.pack(self.complete, len(self.counted), len(self.answers))]
+        parts += [_COUNTED.pack(node) for node in self.counted]
+        parts += [_MOVE.pack(node, token, tick, len(motion)) for node, token, tick, motion in self.answers]
+        parts += [motion for _, _, _, motion in self.answers]
+        return b"".join(parts)
 
     @classmethod
     def decode(cls, data: bytes) -> Moves:
-        answers, complete, counted = unpack(data, 3)
-        if not isinstance(answers, list) or not isinstance(counted, list):
-            raise WireError("moves and who counted are lists")
-        for item in answers:
-            if not isinstance(item, list) or len(item) != 4 or not isinstance(item[3], bytes):
-                raise WireError("a move is (node, incarnation, tick, motion)")
-            for value, most in zip(item, (_MOST, 2**32 - 1, _MOST), strict=False):
-                integer(value, 0, most)
-        return cls(
-            [(node, token, tick, motion) for node, token, tick, motion in answers],
-            integer(complete, NO_TICK, _MOST),
-            [integer(node, 0, _MOST) for node in counted],
-        )
+        complete, nodes, count = head(_MOVES, data)
+        start = _MOVES.size + _COUNTED.size * nodes
+        at = start + _MOVE.size * count
+        if complete < NO_TICK or at > len(data):
+            raise WireError("moves are answers and who counted")
+        answers: list[tuple[int, int, int, bytes]] = []
+        for node, token, tick, size in _MOVE.iter_unpack(data[start:at]):
+            answers.append((node, token, tick, data[at : at + size]))
+            at += size
+        if at != len(data):
+            raise WireError("motions have another length than they say")
+        return cls(answers, complete, [node for (node,) in _COUNTED.iter_unpack(data[_MOVES.size : start])])

@@ -29,6 +29,7 @@ import medium.propagation
 import world.geometry
 import world.grid
 import world.lidar
+import world.motion
 from agents.config import RobotConfig
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.own_map import OwnMap
@@ -38,10 +39,11 @@ from deploy.scenario import load
 from deploy.simulation import Simulation
 from medium.messages import Inbox
 from tests.conftest import ROOT
-from world.geometry import walls_crossed
+from world.geometry import line_of_sight, walls_crossed
 from world.grid import OCCUPIED, UNKNOWN, GridGeometry
 from world.lidar import Caster
 from world.messages import NOBODY
+from world.motion import move
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
 USERS = (
@@ -53,6 +55,7 @@ USERS = (
     world.geometry,
     world.grid,
     world.lidar,
+    world.motion,
 )
 
 property_test = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -138,6 +141,29 @@ def test_walls_are_equal(
         expected = walls_crossed(occupied, GEOMETRY, a, b)
     with using(kernels):
         np.testing.assert_array_equal(walls_crossed(occupied, GEOMETRY, a, b), expected)
+    for a, b in segments:
+        with using(None):
+            free = line_of_sight(occupied, GEOMETRY, a, b)
+        with using(kernels):
+            assert line_of_sight(occupied, GEOMETRY, a, b) == free
+
+
+@property_test
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=6), st.sampled_from([0.5, 9.0]), st.integers(0))
+def test_moves_are_equal(
+    kernels: ModuleType, velocities: list[tuple[float, float]], top_speed_m_s: float, seed: int
+) -> None:
+    generator = np.random.default_rng(seed)
+    occupied = generator.random((GEOMETRY.rows, GEOMETRY.cols)) < 0.2
+    occupied[[0, -1]] = occupied[:, [0, -1]] = True
+    free = np.flatnonzero(~occupied)
+    places = GEOMETRY.centers(generator.choice(free, len(velocities)))
+    for _ in range(8):
+        with using(None):
+            expected = move(occupied, GEOMETRY, places, velocities, top_speed_m_s)
+        with using(kernels):
+            places = move(occupied, GEOMETRY, places, velocities, top_speed_m_s)
+        np.testing.assert_array_equal(places, expected)
 
 
 @property_test

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -14,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from agents.messages import MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
+from bus.envelopes import Answer, Moves, Opening, Turn
 from medium.messages import Inbox, Transmission
 from world.messages import Departed, Event, Jam, Motion, Positions, Report, Sense, Snapshot, Status, Stop
 
@@ -141,3 +143,34 @@ def test_wrong_bytes_are_read_or_refused_but_never_raise_anything_else(message: 
     except WireError:
         return
     assert type(again) is type(message)
+
+
+envelopes = st.one_of(
+    st.builds(Opening, st.binary(max_size=9), st.lists(st.tuples(count, st.binary(max_size=9)), max_size=4)),
+    st.builds(
+        Moves, st.lists(st.tuples(count, st.integers(0, 2**32 - 1), tick, st.binary(max_size=9)), max_size=4),
+        st.integers(-1, 2**31 - 1), st.lists(count, max_size=4),
+    ),
+    st.builds(Turn, st.binary(max_size=9), st.binary(max_size=9)),
+    st.builds(Answer, tick, st.binary(max_size=9), st.binary(max_size=9)),
+)  # fmt: skip
+
+
+@settings(max_examples=300, deadline=None)
+@given(envelopes, st.data())
+def test_what_travels_together_comes_apart_again_or_is_refused(envelope: Any, data: st.DataObject) -> None:
+    """What is cut short is refused, or says what a shorter one says: then it encodes to that."""
+    packed = envelope.encode()
+    assert type(envelope).decode(packed).encode() == packed
+    cut = packed[: data.draw(st.integers(0, len(packed)))]
+    try:
+        assert type(envelope).decode(cut).encode() == cut
+    except WireError:
+        assert cut != packed
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from([Opening, Moves, Turn, Answer]), st.binary(max_size=60))
+def test_garbage_is_no_envelope_or_encodes_to_itself(kind: Any, data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        assert kind.decode(data).encode() == data

@@ -38,8 +38,10 @@ def cast(
     const double[::1] drift,
     const int64_t[::1] counts,
     const unsigned char[::1] never,
+    double resolution_m,
+    double range_m,
 ):
-    """world.lidar.Caster.cast: (beams,) distances in cells to the first wall of each beam; `far` where there is none."""
+    """world.lidar.Caster.cast: (beams,) metres to the first wall of each beam; `far` is the range in cells."""
     cdef Py_ssize_t rays = forward.shape[0], beams = rays // 2, cells = free_cells.shape[0]
     cdef Py_ssize_t ray, line, cell
     cdef double col = floor(u), row = floor(v), to_first, beside, distance, nearest
@@ -69,7 +71,96 @@ def cast(
         if ray < beams:
             result[ray] = nearest
         else:
-            result[ray - beams] = min(result[ray - beams], nearest)
+            result[ray - beams] = min(min(result[ray - beams], nearest) * resolution_m, range_m)
+    return out
+
+
+cdef Py_ssize_t crossed_by(
+    const unsigned char[::1] walls,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    double x_a,
+    double y_a,
+    double x_b,
+    double y_b,
+) noexcept:
+    """Walls on one segment."""
+    cdef Py_ssize_t last = walls.shape[0] - 1, cell, along_stride, across_stride, base, crossed = 0
+    cdef double along, length, slope, enter, leave
+    cdef bint steep, wall, in_wall = False, leaving
+    x_a, y_a = (x_a - x0_m) / resolution_m, (y_a - y0_m) / resolution_m
+    x_b, y_b = (x_b - x0_m) / resolution_m, (y_b - y0_m) / resolution_m
+    steep = fabs(y_b - y_a) > fabs(x_b - x_a)
+    if steep:
+        x_a, y_a, x_b, y_b = y_a, x_a, y_b, x_b
+    if x_a > x_b:
+        x_a, y_a, x_b, y_b = x_b, y_b, x_a, y_a
+    along_stride = cols if steep else 1
+    across_stride = 1 if steep else cols
+    length = x_b - x_a
+    slope = (y_b - y_a) / length if length > 0 else 0.0
+    along = floor(x_a)
+    enter = y_a
+    while along <= floor(x_b):
+        leave = y_a + slope * (min(along + 1.0, x_b) - x_a)
+        base = <Py_ssize_t>along * along_stride
+        for leaving in range(2):
+            cell = base + <Py_ssize_t>floor(leave if leaving else enter) * across_stride
+            wall = walls[min(max(cell, 0), last)]
+            crossed += wall and not in_wall
+            in_wall = wall
+        enter = leave
+        along += 1.0
+    return crossed
+
+
+def line_of_sight(
+    const unsigned char[::1] walls,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    double x_a,
+    double y_a,
+    double x_b,
+    double y_b,
+):
+    """world.geometry.line_of_sight."""
+    return crossed_by(walls, cols, resolution_m, x0_m, y0_m, x_a, y_a, x_b, y_b) == 0
+
+
+def move(
+    const unsigned char[::1] walls,
+    Py_ssize_t cols,
+    double resolution_m,
+    double x0_m,
+    double y0_m,
+    const double[:, :] xy_m,
+    list velocities_m_s,
+    double tick_s,
+    double top_speed_m_s,
+):
+    """world.motion.move: (n, 2) places a tick later; None if a wall may be in somebody's way."""
+    cdef Py_ssize_t n = xy_m.shape[0], k
+    cdef double x, y, vx, vy, speed, step_x, step_y, col, row, to_col, to_row
+    out = np.empty((n, 2))
+    cdef double[:, ::1] wanted = out
+    for k in range(n):
+        x, y = xy_m[k, 0], xy_m[k, 1]
+        vx, vy = velocities_m_s[k]
+        step_x, step_y = vx * tick_s, vy * tick_s
+        speed = sqrt(vx * vx + vy * vy)
+        if speed > top_speed_m_s:
+            step_x *= top_speed_m_s / speed
+            step_y *= top_speed_m_s / speed
+        wanted[k, 0], wanted[k, 1] = x + step_x, y + step_y
+        col, row = floor((x - x0_m) / resolution_m), floor((y - y0_m) / resolution_m)
+        to_col, to_row = floor((wanted[k, 0] - x0_m) / resolution_m), floor((wanted[k, 1] - y0_m) / resolution_m)
+        if to_col != col or to_row != row:
+            if fabs(to_col - col) + fabs(to_row - row) != 1.0 or walls[<Py_ssize_t>to_row * cols + <Py_ssize_t>to_col]:
+                return None
     return out
 
 
@@ -83,39 +174,13 @@ def walls_crossed(
     const double[:, :] b_xy,
 ):
     """world.geometry.walls_crossed: (n,) walls on each segment."""
-    cdef Py_ssize_t n = a_xy.shape[0], last = walls.shape[0] - 1, k, cell, along_stride, across_stride, base
-    cdef double x_a, y_a, x_b, y_b, along, length, slope, enter, leave
-    cdef bint steep, wall, in_wall, leaving
+    cdef Py_ssize_t n = a_xy.shape[0], k
     out = np.empty(n, np.int64)
     cdef int64_t[::1] crossed = out
     for k in range(n):
-        x_a = (a_xy[k, 0] - x0_m) / resolution_m
-        y_a = (a_xy[k, 1] - y0_m) / resolution_m
-        x_b = (b_xy[k, 0] - x0_m) / resolution_m
-        y_b = (b_xy[k, 1] - y0_m) / resolution_m
-        steep = fabs(y_b - y_a) > fabs(x_b - x_a)
-        if steep:
-            x_a, y_a, x_b, y_b = y_a, x_a, y_b, x_b
-        if x_a > x_b:
-            x_a, y_a, x_b, y_b = x_b, y_b, x_a, y_a
-        along_stride = cols if steep else 1
-        across_stride = 1 if steep else cols
-        length = x_b - x_a
-        slope = (y_b - y_a) / length if length > 0 else 0.0
-        along = floor(x_a)
-        enter = y_a
-        in_wall = False
-        crossed[k] = 0
-        while along <= floor(x_b):
-            leave = y_a + slope * (min(along + 1.0, x_b) - x_a)
-            base = <Py_ssize_t>along * along_stride
-            for leaving in range(2):
-                cell = base + <Py_ssize_t>floor(leave if leaving else enter) * across_stride
-                wall = walls[min(max(cell, 0), last)]
-                crossed[k] += wall and not in_wall
-                in_wall = wall
-            enter = leave
-            along += 1.0
+        crossed[k] = crossed_by(
+            walls, cols, resolution_m, x0_m, y0_m, a_xy[k, 0], a_xy[k, 1], b_xy[k, 0], b_xy[k, 1]
+        )
     return out
 
 

@@ -96,4 +96,7 @@ def line_of_sight(
     occupied: NDArray[np.bool_], geometry: GridGeometry, a: tuple[float, float], b: tuple[float, float]
 ) -> bool:
     """Whether no wall lies between two places inside the grid."""
+    if kernels is not None:
+        g = geometry
+        return bool(kernels.line_of_sight(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, *a, *b))
     return not walls_crossed(occupied, geometry, np.array([a]), np.array([b]))[0]

@@ -80,11 +80,12 @@ class Caster:
         lines, beams = self._crossings, self._beams
         u, v = (x_m - self._x0_m) / self._resolution_m, (y_m - self._y0_m) / self._resolution_m
         if kernels is not None:
-            nearest = kernels.cast(
+            ranges: NDArray[np.float64] = kernels.cast(
                 self._free, self._cols, u, v, self._far,
                 lines.forward, lines.per_line, lines.drift, lines.counts, lines.never,
+                self._resolution_m, self._range_m,
             )  # fmt: skip
-            return self._in_metres(nearest)
+            return ranges
         col, row = math.floor(u), math.floor(v)
         to_first = np.empty(2 * beams)
         to_first[:beams] = u - col
@@ -105,12 +106,7 @@ class Caster:
         # since it is beyond the range too.
         np.copyto(distance, self._far, where=self._free.take(cells, mode="clip"))
         nearest = np.minimum.reduceat(distance, lines.starts)
-        return self._in_metres(np.minimum(nearest[:beams], nearest[beams:]))
-
-    def _in_metres(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-        ranges *= self._resolution_m
-        np.minimum(ranges, self._range_m, out=ranges)
-        return ranges
+        return np.minimum(np.minimum(nearest[:beams], nearest[beams:]) * self._resolution_m, self._range_m)
 
 
 def cast(

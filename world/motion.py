@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from world.compiled import kernels
 from world.geometry import walls_crossed
 from world.grid import GridGeometry
 from world.messages import TICK_S
@@ -19,7 +19,7 @@ def move(
     walls: NDArray[np.bool_],
     geometry: GridGeometry,
     xy_m: NDArray[np.float64],
-    velocities_m_s: Sequence[tuple[float, float]],
+    velocities_m_s: list[tuple[float, float]],
     top_speed_m_s: float,
 ) -> NDArray[np.float64]:
     """Where robots are a tick later; one that a wall stops slides along x, else along y, else stays.
@@ -35,6 +35,12 @@ def move(
         (n, 2) places, each in a free cell, reached without crossing a wall.
     """
     x0_m, y0_m, resolution_m = geometry.x0_m, geometry.y0_m, geometry.resolution_m
+    if kernels is not None:
+        freely: NDArray[np.float64] | None = kernels.move(
+            walls.reshape(-1), geometry.cols, resolution_m, x0_m, y0_m, xy_m, velocities_m_s, TICK_S, top_speed_m_s
+        )
+        if freely is not None:
+            return freely
     steps: list[tuple[float, float]] = []
     places: list[tuple[float, float]] = []
     leaving: list[int] = []

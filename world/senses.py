@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.config import WorldConfig
-from world.geometry import pad, walls_crossed
+from world.geometry import line_of_sight, pad
 from world.lidar import Caster
 from world.messages import STATION, Sense
 from world.roster import Roster
@@ -49,20 +49,22 @@ class Senses:
 
         A robot scans at its first tick and whenever (tick + node) is a multiple of the lidar's interval.
         """
-        places = xy_m.tolist()
+        true: list[list[float]] = xy_m.tolist()
+        places = true
         if self._pose_noise_m > 0:
+            places = true.copy()
             for node in (n for n in nodes if n != STATION):
                 noise = self._generator(Purpose.POSE, tick, node).normal(0.0, self._pose_noise_m, 2)
                 places[node] = (xy_m[node] + noise).tolist()
         interval = self._lidar.interval_ticks
         due = [n for n in nodes if n != STATION and ((tick + n) % interval == 0 or roster.first(n))]
-        victims = self._victims_seen(due, xy_m)
+        victims = self._victims_seen(due, true)
         senses = {}
         for node in nodes:
             x, y = places[node]
             first, incarnation = roster.first(node), roster.incarnation(node)
             if node in victims:
-                senses[node] = Sense(tick, first, incarnation, x, y, self._scan(tick, node, xy_m), victims[node])
+                senses[node] = Sense(tick, first, incarnation, x, y, self._scan(tick, node, *true[node]), victims[node])
             else:
                 senses[node] = Sense(tick, first, incarnation, x, y)
         return senses
@@ -71,31 +73,22 @@ class Senses:
         """One for each node and tick: who else is there, and who was, changes nobody's noise (Salmon et al. 2011)."""
         return np.random.Generator(np.random.Philox(counter=[0, 0, node, tick], key=[self._seed, int(purpose)]))
 
-    def _scan(self, tick: int, node: int, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _scan(self, tick: int, node: int, x_m: float, y_m: float) -> NDArray[np.float64]:
         lidar = self._lidar
-        ranges = self._caster.cast(*xy_m[node].tolist())
+        ranges = self._caster.cast(x_m, y_m)
         if lidar.noise_m > 0:
             noisy = ranges + self._generator(Purpose.LIDAR, tick, node).normal(0.0, lidar.noise_m, len(ranges))
             ranges = np.where(ranges < lidar.range_m, noisy.clip(0.0, lidar.range_m), ranges)
         return ranges
 
-    def _victims_seen(self, robots: list[int], xy_m: NDArray[np.float64]) -> dict[int, Sightings]:
-        """Victims within lidar range and line of sight of each of some robots."""
+    def _victims_seen(self, robots: list[int], places_m: list[list[float]]) -> dict[int, Sightings]:
+        """Victims within lidar range and line of sight of each of some robots; `places_m` by node."""
         seen: dict[int, Sightings] = dict.fromkeys(robots, ())
-        if not robots or not len(self._victims):
-            return seen
-        # A few robots and victims: a loop finds who is near sooner than numpy does.
         square = self._lidar.range_m**2
-        near = [
-            (robot, victim, x, y)
-            for robot, (at_x, at_y) in zip(robots, xy_m[robots].tolist(), strict=True)
-            for victim, (x, y) in enumerate(self._victims)
-            if (at_x - x) * (at_x - x) + (at_y - y) * (at_y - y) <= square
-        ]
-        if near:
-            places = np.array([(x, y) for _, _, x, y in near])
-            crossed = walls_crossed(self._walls, self._geometry, xy_m[[robot for robot, *_ in near]], places)
-            for (robot, victim, x, y), walls in zip(near, crossed.tolist(), strict=True):
-                if not walls:
+        for robot in robots:
+            at_x, at_y = places_m[robot]
+            for victim, (x, y) in enumerate(self._victims):
+                near = (at_x - x) * (at_x - x) + (at_y - y) * (at_y - y) <= square
+                if near and line_of_sight(self._walls, self._geometry, (at_x, at_y), (x, y)):
                     seen[robot] += ((victim, x, y),)
         return seen
