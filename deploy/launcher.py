@@ -30,7 +30,7 @@ from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session, new_token
 from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
 from deploy.operator_file import OPERATOR, write_operator
-from deploy.processors import Vigil, shared, virtual
+from deploy.processors import Vigil, places, shared, virtual
 from deploy.run_folder import RunFolder
 from deploy.supervisor import Exit, Supervisor
 from world.messages import STATION, TICK_S, Event, Signal, Snapshot
@@ -107,8 +107,10 @@ class Launcher:
         self._record = record
         self._live_port = live_port
         self._held = held
-        self._shared = shared(scenario.robots + len(("station", "world", "medium")))
-        self._watched = () if let_idle or scenario.speed or not virtual() else self._shared
+        nodes = [role_name(node) for node in range(scenario.robots + 1)]
+        processors = shared(len(nodes) + len(("world", "medium")))
+        self._places = places(processors, nodes)
+        self._watched = () if let_idle or scenario.speed or not virtual() else processors
         """Processors that are kept awake."""
         self._vigil: Vigil | None = None
         self._recording_id = str(uuid.uuid4())
@@ -146,7 +148,7 @@ class Launcher:
         session: Session | None = None
         pump: _Pump | None = None
         try:
-            with Supervisor(self._run, self._folder.path / "logs", PRELOAD, self._shared) as self._supervisor:
+            with Supervisor(self._run, self._folder.path / "logs", PRELOAD, self._places) as self._supervisor:
                 self._start_all_but_one(self._supervisor)
                 session = self._connect(self._supervisor)
                 if session is not None:

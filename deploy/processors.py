@@ -13,6 +13,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +21,7 @@ from typing import Final, Self
 
 from setproctitle import setproctitle
 
-__all__ = ["Vigil", "shared", "virtual"]
+__all__ = ["Vigil", "places", "shared", "virtual"]
 
 _AWAKE_S: Final = 0.5
 """Wall time that a sign of life keeps the processors awake: runs that are held or slow let them idle."""
@@ -32,6 +33,18 @@ def shared(processes: int) -> tuple[int, ...]:
         return ()
     processors = tuple(sorted(os.sched_getaffinity(0)))
     return processors if processes > len(processors) else ()
+
+
+def places(processors: Sequence[int], nodes: Sequence[str]) -> dict[str, int]:
+    """The processor on which each process of a run stays: `medium`, `world`, and `nodes` in the order of their turns.
+
+    The medium hands out the turns, so those go first whose processors are not the medium's.
+    """
+    if not processors:
+        return {}
+    last, share = len(processors) - 1, len(processors) / max(len(nodes), 1)
+    stays = {node: processors[last - int(k * share)] for k, node in enumerate(nodes)}
+    return stays | {"medium": processors[0], "world": processors[last]}
 
 
 def virtual() -> bool:
@@ -47,7 +60,7 @@ class Vigil:
     The kernel runs such a process only when nobody else wants the processor. A context manager.
     """
 
-    def __init__(self, processors: tuple[int, ...], run: str) -> None:
+    def __init__(self, processors: Sequence[int], run: str) -> None:
         context = multiprocessing.get_context("forkserver")
         self._signs: list[int] = []
         self._spinners = []

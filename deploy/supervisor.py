@@ -70,22 +70,20 @@ class Supervisor:
     Not thread-safe but for `wake`.
     """
 
-    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), processors: Sequence[int] = ()) -> None:
+    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), places: Mapping[str, int] = {}) -> None:
         """Start the fork server.
 
         Args:
             run: its name, for the titles of processes.
             logs: folder for a file per process.
             preload: modules that the fork server imports.
-            processors: each process is kept on one of these, by turns; empty: the kernel has its way.
+            places: processors by process name; whoever has none runs where the kernel likes.
         """
         self._run = run
         self._logs = logs
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
-        self._processors = processors
-        self._places: dict[str, int] = {}
-        """Processors by process name: who is started again keeps his."""
+        self._places = places
         self._living: dict[str, BaseProcess] = {}
         self._wake_r, self._wake_w = os.pipe()
         os.set_blocking(self._wake_r, False)
@@ -101,10 +99,7 @@ class Supervisor:
         """
         if name in self._living:
             raise ValueError(f"{name} is alive already")
-        processor = None
-        if self._processors:
-            processor = self._places.setdefault(name, self._processors[len(self._places) % len(self._processors)])
-        entry = (f"vds {name} {self._run}", self.log_path(name), processor, target, args)
+        entry = (f"vds {name} {self._run}", self.log_path(name), self._places.get(name), target, args)
         process = self._context.Process(target=_child, args=entry, name=name, daemon=True)
         process.start()
         self._living[name] = process

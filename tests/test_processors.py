@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,10 +10,16 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, alive, wait_until
+from test_supervisor import PRELOAD
 
 from deploy import processors
-from deploy.processors import Vigil, shared
+from deploy.processors import Vigil, places, shared
 from deploy.supervisor import Supervisor
+
+pytestmark = pytest.mark.processes
+
+# The first to start the fork server of a session decides what it imports.
+multiprocessing.set_forkserver_preload(PRELOAD)
 
 ALLOWED = tuple(sorted(os.sched_getaffinity(0)))
 
@@ -33,16 +40,24 @@ def test_only_processors_that_this_process_may_use_count(monkeypatch: pytest.Mon
     assert shared(12) == ()
 
 
-def test_processes_take_the_processors_by_turns_and_keep_theirs_when_they_return(tmp_path: Path) -> None:
-    two = (ALLOWED * 2)[:2]
-    with Supervisor("test", tmp_path, processors=two) as supervisor:
-        for name in ("a", "b", "c", "b"):  # b is started again when it has ended
+def test_turns_begin_where_the_medium_is_not() -> None:
+    nodes = [f"n{k}" for k in range(6)]
+    stays = {"n0": 3, "n1": 3, "n2": 3, "n3": 2, "n4": 2, "n5": 2, "medium": 2, "world": 3}
+    assert places((2, 3), nodes) == stays
+    assert places((), nodes) == {}
+    assert set(places((7,), nodes).values()) == {7}
+    many = places(range(4), [str(k) for k in range(101)])
+    assert [list(many.values()).count(processor) for processor in range(4)] == [26, 25, 25, 27]
+
+
+def test_processes_stay_where_they_belong_and_return_there(tmp_path: Path) -> None:
+    with Supervisor("test", tmp_path, PRELOAD, places={"a": ALLOWED[-1]}) as supervisor:
+        for name in ("a", "b", "a"):
             supervisor.start(name, says_where)
             while supervisor.pids:
                 supervisor.wait(5.0)
-    assert (tmp_path / "a.log").read_text().split() == [str(two[0])]
-    assert (tmp_path / "b.log").read_text().split() == [str(two[1])] * 2
-    assert (tmp_path / "c.log").read_text().split() == [str(two[0])]
+    assert (tmp_path / "a.log").read_text().split() == [str(ALLOWED[-1])] * 2
+    assert (tmp_path / "b.log").read_text().split() == [str(processor) for processor in ALLOWED]
 
 
 def scheduling(pid: int) -> tuple[str, int]:

@@ -16,6 +16,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from bus.session import free_endpoint
+from deploy.node_processes import role_name
 from deploy.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
@@ -32,7 +33,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     supervisor.start("medium", _medium, pattern, endpoint)
     supervisor.start("world", _world, pattern, endpoint, result)
     for node in pattern.nodes:
-        supervisor.start(f"node/{node}", _node, pattern, endpoint, node)
+        supervisor.start(role_name(node), _node, pattern, endpoint, node)
 
 
 class _Line:

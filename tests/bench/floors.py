@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from deploy.launcher import PRELOAD
-from deploy.processors import Vigil, shared, virtual
+from deploy.node_processes import PRELOAD, role_name
+from deploy.processors import Vigil, places, shared, virtual
 from deploy.supervisor import Supervisor
 from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
@@ -44,8 +44,9 @@ def run_floor(name: str, robots: int, wall_s: float) -> Row:
         result = Path(folder) / "result.json"
         # What a run gets of the machine, a floor gets too.
         processors = shared(len(pattern.nodes) + len(("world", "medium")))
+        names = [role_name(node) for node in pattern.nodes]
         with (
-            Supervisor("floor", Path(folder), PRELOAD, processors) as supervisor,
+            Supervisor("floor", Path(folder), PRELOAD, places(processors, names)) as supervisor,
             Vigil(processors if virtual() else (), "floor") as vigil,
         ):
             FLOORS[name](pattern, supervisor, result)

@@ -11,6 +11,7 @@ import numpy as np
 from bus.access import Login, credentials, user_name, users_of
 from bus.member import Member
 from bus.session import Session, local_endpoint
+from deploy.node_processes import role_name
 from deploy.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
@@ -30,8 +31,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     supervisor.start("medium", _medium, pattern, logins["medium"], users_of(logins))
     supervisor.start("world", _world, pattern, logins["world"], result)
     for node in pattern.nodes:
-        name = "station" if node == STATION else f"robot/{node}"
-        supervisor.start(name, _node, pattern, logins[user_name(node)], node)
+        supervisor.start(role_name(node), _node, pattern, logins[user_name(node)], node)
 
 
 class _World:
