@@ -112,7 +112,7 @@ class Moves(NamedTuple):
     answers: Sequence[tuple[int, int, int, bytes]]
     """(node, incarnation of the token of its process, tick, motion)"""
     complete: int = NO_TICK
-    """The tick that these answers complete: the medium waits for nobody any more, and nothing comes after."""
+    """The tick that these answers complete: the medium waits for nobody any more, and what comes later is too late."""
     counted: Sequence[int] = ()
     """Nodes whose transmission counts in that tick: all of the roster unless one departed during it."""
 

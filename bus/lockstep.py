@@ -37,7 +37,7 @@ class Kind(IntEnum):
     REFUSED = 3
     """Nothing: another living process is this node."""
     PING = 4
-    """Nothing, to the medium, which passes on what has come in and answers on its `done` key with nothing."""
+    """Nothing, to the medium, which passes on what has come in and answers with nothing on its `pong` key."""
 
 
 _KINDS: Final = frozenset(map(int, Kind))

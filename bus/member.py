@@ -112,6 +112,10 @@ class Watch:
         return None
 
 
+def _nothing() -> None:
+    pass
+
+
 class Member(Generic[S, I]):
     """One process of a node."""
 
@@ -142,6 +146,8 @@ class Member(Generic[S, I]):
         self.phases = Phases(time.perf_counter)
         self.over = False
         """Whether the world has said that the run is over."""
+        self.idle: Callable[[], None] = _nothing
+        """Called whenever no message has come for a while."""
         self._joined = False
         """Whether a turn has begun: what came before is no part of the ticks."""
         keys = self.session.keys
@@ -170,6 +176,7 @@ class Member(Generic[S, I]):
                 self.phases.skip()
             mark("waiting")
             if message is None:
+                self.idle()
                 if (what := self._watch.check()) is not None:
                     raise LostError(f"{what} is gone")
                 continue

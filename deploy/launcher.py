@@ -30,7 +30,7 @@ from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session, new_token
 from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
 from deploy.operator_file import OPERATOR, write_operator
-from deploy.processors import Vigil, places, shared, virtual
+from deploy.processors import places, shared
 from deploy.run_folder import RunFolder
 from deploy.supervisor import Exit, Supervisor
 from world.messages import STATION, TICK_S, Event, Signal, Snapshot
@@ -87,7 +87,7 @@ class Launcher:
         record: bool = True,
         live_port: int | None = None,
         held: bool = False,
-        let_idle: bool = False,
+        plain_scheduling: bool = False,
     ) -> None:
         """Prepare a run.
 
@@ -99,7 +99,7 @@ class Launcher:
             record: leave a recording.
             live_port: serve the recording to viewers on this port, too.
             held: begin held, as by the operator's `hold`.
-            let_idle: let processors idle between ticks, even if a hypervisor lends them.
+            plain_scheduling: leave it to the kernel where processes run.
         """
         self._scenario = scenario
         self._folder = folder
@@ -108,11 +108,8 @@ class Launcher:
         self._live_port = live_port
         self._held = held
         nodes = [role_name(node) for node in range(scenario.robots + 1)]
-        processors = shared(len(nodes) + len(("world", "medium")))
+        processors = () if plain_scheduling else shared(len(nodes) + len(("world", "medium")))
         self._places = places(processors, nodes)
-        self._watched = () if let_idle or scenario.speed or not virtual() else processors
-        """Processors that are kept awake."""
-        self._vigil: Vigil | None = None
         self._recording_id = str(uuid.uuid4())
         self._sent_away: set[str] = set()
         """Processes that the world had killed."""
@@ -159,8 +156,7 @@ class Launcher:
                     # The world waits for every robot, so with the last one nothing is told before somebody listens.
                     self._start_node(self._supervisor, self._scenario.robots)
                     self._show_pids(self._supervisor)
-                    with Vigil(self._watched, self._run) as self._vigil:
-                        self._attend(self._supervisor, session)
+                    self._attend(self._supervisor, session)
                 self._ends(self._supervisor.stop(_STOP_GRACE_S), expected=True)
                 if pump is not None:
                     pump.end()
@@ -318,8 +314,6 @@ class Launcher:
 
     def _receive(self, kind: str, rest: str, payload: bytes) -> None:
         if kind == "feed":
-            if self._vigil is not None:
-                self._vigil.sign()
             for snapshot in map(Snapshot.decode, unbatch(payload)):
                 self._folder.snapshot(snapshot)
                 self._view.snapshot(snapshot)

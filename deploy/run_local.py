@@ -62,14 +62,13 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/SCENARIO-TIME)")
-    p.add_argument("--port", type=int, metavar="N", help="TCP port of the run's router (default: a socket)")
+    p.add_argument(
+        "--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one, or a socket)"
+    )
     p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
     p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
     p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
-    p.add_argument(
-        "--let-idle", action="store_true",
-        help="in a virtual machine: let processors idle between ticks (a run at full speed keeps them awake otherwise)",
-    )  # fmt: skip
+    p.add_argument("--plain-scheduling", action="store_true", help="leave it to the kernel where processes run")
     p.add_argument("-q", "--quiet", action="store_true", help="show nothing but what failed")
     return p
 
@@ -214,10 +213,11 @@ def _run_processes(
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:
         if endpoint is None:
-            endpoint = local_endpoint(Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-"))))
+            place = Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-")))
+            endpoint = local_endpoint(place, scenario.robots)
         launcher = Launcher(
             scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
-            held=options.hold, let_idle=options.let_idle,
+            held=options.hold, plain_scheduling=options.plain_scheduling,
         )  # fmt: skip
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda *_: launcher.interrupt())

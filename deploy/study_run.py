@@ -68,7 +68,7 @@ def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, 
     source.write_text(toml, encoding="utf-8")
     scenario = load(source)
     with RunFolder(place / f"study-{key}", scenario) as folder:
-        summary = _in_process(scenario, folder) if engine == "in-process" else _with_processes(scenario, folder)
+        summary = _in_process(scenario, folder) if engine == "in-process" else _with_processes(scenario, folder, place)
     row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": None}
     if summary["failures"]:
         row |= {"status": ERROR, "error": str(summary["failures"][0])}
@@ -80,13 +80,13 @@ def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
     return folder.finish(result.finals, result.wall_s)
 
 
-def _with_processes(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
+def _with_processes(scenario: Scenario, folder: RunFolder, place: Path) -> dict[str, Any]:
     from bus.session import local_endpoint
     from deploy.launcher import Launcher
     from deploy.live_table import Silence
 
-    with tempfile.TemporaryDirectory(prefix="vds-") as place:
-        return Launcher(scenario, folder, local_endpoint(Path(place)), Silence(), record=False).run().summary
+    endpoint = local_endpoint(place, scenario.robots)
+    return Launcher(scenario, folder, endpoint, Silence(), record=False).run().summary
 
 
 def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:

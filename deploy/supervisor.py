@@ -208,7 +208,9 @@ def _child(title: str, log: Path, processor: int | None, target: Callable[..., N
     """First function of every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if processor is not None:
-        os.sched_setaffinity(0, {processor})  # before there are other threads, which inherit it
+        # Before there are other threads, which inherit it. A processor may have been taken from us meanwhile.
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(0, {processor})
     with log.open("ab", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)

@@ -80,6 +80,8 @@ class Shell:
         # First who listens, then the member: with its token the ticks may begin.
         self._screen = None if recorder is None else Screen(login, recorder, next_part(out), live_port)
         self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
+        if self._screen is not None:
+            self._member.idle = self._screen.rest
         session = self._member.session
         self._put_final = session.publisher(session.keys.final("station"), blocking=True)
 
@@ -165,6 +167,11 @@ class Screen:
         """Record one tick and whatever has come in meanwhile."""
         self._recorder.station(station.view())
         self._drain()
+
+    def rest(self) -> None:
+        """No tick is under way: show all that is known."""
+        self._drain()
+        self._recorder.send()
 
     def catch_up(self, tick: int) -> None:
         """Record what is still under way, up to the snapshot of a tick, unless it was lost."""

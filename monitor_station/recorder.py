@@ -1,7 +1,8 @@
 """Writes the recording: what the MS knows (`ms/`), what the network does (`network/`), what is true (`truth/`).
 
-Positions and lines are gathered for some seconds and sent as columns: chunks, not data, set a recording's size and
-cost. What changes rarely is logged as it changes, at its exact tick. Every call must come from one thread.
+Positions, lines, map tiles and tables are gathered for a moment and sent as columns: chunks, not data, set a
+recording's size and cost. What changes rarely is logged as it changes, at its exact tick. Every call must come from one
+thread.
 """
 
 from __future__ import annotations
@@ -337,9 +338,10 @@ class Recorder:
     def _send_when_due(self) -> None:
         held = max(len(self._seen_rows.ticks), 5 * len(self._true_rows.ticks))
         if held >= _HELD_TICKS or time.monotonic() - self._sent_s > _HELD_WALL_S:
-            self._send()
+            self.send()
 
-    def _send(self) -> None:
+    def send(self) -> None:
+        """Send all rows that wait."""
         self._sent_s = time.monotonic()
         self._send_points("ms/robots", self._seen_rows, Height.ROBOT)
         self._send_points("ms/names", self._names, Height.LABEL)
@@ -394,6 +396,6 @@ class Recorder:
         self._closed = True
         if self._seen_tick >= 0:
             self._log_map(self._seen_tick)
-        self._send()
+        self.send()
         self._rec.flush()
         self._rec.disconnect()

@@ -73,20 +73,23 @@ def chaos(seed: int, seconds: float, folder: Path) -> Outcome:
     faults = plan(seed, seconds)
     options = {"robots": ROBOTS, "radius_m": RADIUS_M, "seed": seed, "duration_s": seconds}
     begun = time.monotonic()
-    memory: dict[str, list[int]] = {}
+    memory: dict[str, list[int]] = {name: [] for name in ("launcher", "world", "medium", "station")}
     problems: list[str] = []
     with Emulation("three_cells", folder, faults=faults, **options) as run:
         for tenth in range(2, 10):
             run.wait_for(tenth * seconds / 10, 600.0)
-            for name in ("launcher", "world", "medium", "station"):
-                memory.setdefault(name, []).append(_resident_kb(run.pids[name]))
+            for name in memory:
+                memory[name].append(_resident_kb(run.pids[name]))
         summary, pids = run.summary, run.pids
         left = [name for name, pid in pids.items() if _is_ours(pid)]
         away = max(int((s.present == 0).sum()) for s in run.snapshots)
     wall_s = time.monotonic() - begun
     again = Simulation(load("three_cells", {**options, "fault": faults})).run()
-    for name, held in memory.items():
-        if held[-1] > held[0] * GROWTH + SLACK_KB:
+    for name, seen in memory.items():
+        held = [kilobytes for kilobytes in seen if kilobytes]
+        if len(held) < 2:
+            problems.append(f"{name} was gone before its memory could be looked at twice")
+        elif held[-1] > held[0] * GROWTH + SLACK_KB:
             problems.append(f"{name} grew from {held[0]} to {held[-1]} kB")
     for wrong, words in (
         (summary["status"] not in ("time_limit", "searched"), f"status {summary['status']}"),
@@ -105,7 +108,11 @@ def chaos(seed: int, seconds: float, folder: Path) -> Outcome:
 
 
 def _resident_kb(pid: int) -> int:
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    """0 of a process that is gone: the run may end sooner than who watches it comes to the processor."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except (FileNotFoundError, ProcessLookupError):
+        return 0
     return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS:")), 0)
 
 

@@ -44,7 +44,7 @@ class FailingLauncher(Launcher):
 def main() -> int:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0})
     with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as place:
-        endpoint = local_endpoint(Path(place))
+        endpoint = local_endpoint(Path(place), 3)
         outcome = FailingLauncher(scenario, folder, endpoint, Silence(), record=False).run()
     print(*outcome.failures, sep="\n")
     return outcome.exit_status

@@ -19,7 +19,7 @@ import zenoh
 from bus.access import credentials, dictionary, router_config, rules, users_of
 from bus.codec import WireError
 from bus.keys import TABLE, Keys, check_run
-from bus.session import BusError, Login, Mailbox, Session, free_endpoint, new_token, require_free
+from bus.session import BusError, Login, Mailbox, Session, free_endpoint, local_endpoint, new_token, require_free
 
 ROBOTS = 5
 SILENCE_S = 0.3
@@ -177,6 +177,35 @@ def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
     finally:
         watcher.kill()
         watcher.join()
+
+
+def _freeze(login: Login) -> None:
+    session, mailbox = Session.connect(login), Mailbox()
+    session.subscribe(mailbox, session.keys.rx(4))
+    session.declare(new_token("robot", 4))
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+@pytest.mark.parametrize("robots", [20, 100])
+def test_who_is_frozen_may_leave_two_turns_unread(robots: int, tmp_path: Path) -> None:
+    """With inboxes of a fleet in which everybody hears everybody, 28 bytes a row, and some scan reports."""
+    logins = credentials("frozen", local_endpoint(tmp_path, robots), robots)
+    context = multiprocessing.get_context("spawn")
+    frozen = context.Process(target=_freeze, args=(logins["robot-4"],), daemon=True)
+    with Session.host(logins["medium"], users_of(logins)) as medium:
+        tokens = Mailbox()
+        medium.watch(tokens, medium.keys.alive("robot"))
+        frozen.start()
+        try:
+            assert tokens.get(30.0) is not None
+            put, turn = medium.publisher(medium.keys.rx(4), blocking=True), bytes(28 * robots**2 + 40_000)
+            speaker = threading.Thread(target=lambda: (put(turn), put(turn)), daemon=True)
+            speaker.start()
+            speaker.join(10.0)
+            assert not speaker.is_alive(), "it waits for who is frozen"
+        finally:
+            frozen.kill()
+            frozen.join()
 
 
 def test_stranger_and_wrong_password_are_refused(bus: Bus) -> None:

@@ -1,19 +1,16 @@
-"""Who runs on which processor, and what keeps those awake."""
+"""Who runs on which processor."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, alive, wait_until
 from test_supervisor import PRELOAD
 
 from deploy import processors
-from deploy.processors import Vigil, places, shared
+from deploy.processors import places, shared
 from deploy.supervisor import Supervisor
 
 pytestmark = pytest.mark.processes
@@ -58,56 +55,3 @@ def test_processes_stay_where_they_belong_and_return_there(tmp_path: Path) -> No
                 supervisor.wait(5.0)
     assert (tmp_path / "a.log").read_text().split() == [str(ALLOWED[-1])] * 2
     assert (tmp_path / "b.log").read_text().split() == [str(processor) for processor in ALLOWED]
-
-
-def scheduling(pid: int) -> tuple[str, int]:
-    """State (R runs, S sleeps) and scheduling policy."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return fields[0], int(fields[38])
-
-
-def test_a_vigil_spins_at_idle_priority_while_there_are_signs_of_life() -> None:
-    with Vigil(ALLOWED, "test") as vigil:
-        pids = vigil.pids
-        assert len(pids) == len(ALLOWED)
-
-        def signed() -> bool:
-            vigil.sign()
-            return all(scheduling(pid) == ("R", os.SCHED_IDLE) for pid in pids)
-
-        wait_until(signed, 20, "all spin")
-        wait_until(lambda: all(scheduling(pid)[0] == "S" for pid in pids), 20, "all sleep again")
-        wait_until(signed, 20, "all spin again")
-    assert not any(alive(pid) for pid in pids)
-    vigil.sign()  # a late one is nobody's
-
-
-def test_signs_never_make_their_giver_wait() -> None:
-    with Vigil(ALLOWED[:1], "test") as vigil:
-        for _ in range(100_000):  # more than a pipe holds
-            vigil.sign()
-
-
-OWNER = """
-import sys
-from deploy.processors import Vigil
-
-if __name__ == "__main__":
-    with Vigil((int(sys.argv[1]),), "test") as vigil:
-        vigil.sign()
-        print(*vigil.pids, flush=True)
-        sys.stdin.read()
-"""
-
-
-def test_a_vigil_ends_with_its_owner(tmp_path: Path) -> None:
-    script = tmp_path / "owner.py"
-    script.write_text(OWNER)
-    command = [sys.executable, str(script), str(ALLOWED[0])]
-    environment = dict(os.environ, PYTHONPATH=str(ROOT))
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as owner:
-        assert owner.stdout is not None
-        pid = int(owner.stdout.readline())
-        assert alive(pid)
-        owner.kill()
-    wait_until(lambda: not alive(pid), 10, "the spinning process is gone")

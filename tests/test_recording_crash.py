@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import rerun as rr
 
+from deploy.emulation import Emulation
+
 TICKS_PER_S = 100
 """Ten times real time: ticks of a second of wall time."""
 
@@ -67,3 +69,16 @@ def test_a_killed_station_loses_at_most_two_seconds(tmp_path: Path) -> None:
         assert last[entity] >= tick - LOST_S * TICKS_PER_S - 10, (
             f"{entity} lost {(tick - last[entity]) / TICKS_PER_S} s"
         )
+
+
+@pytest.mark.processes
+def test_a_run_that_is_held_has_recorded_all(tmp_path: Path) -> None:
+    """Whoever holds a run wants to see how it stands."""
+    with Emulation("three_cells", tmp_path, robots=3, record=True) as run:
+        run.wait_for(20)
+        held = run.command("hold")["tick"]
+        path = tmp_path / "recording.rrd"
+        run.wait_until(lambda: last_ticks(path).get("/ms/robots", -1) >= held - 1, 20.0)
+        run.wait_until(lambda: last_ticks(path).get("/truth/robots", -1) >= held - 5, 20.0)
+        tiles = [tick for entity, tick in last_ticks(path).items() if entity.startswith("/ms/map/")]
+        assert max(tiles) >= held - 11

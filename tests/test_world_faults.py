@@ -342,25 +342,34 @@ def test_a_verdict_is_told_as_soon_as_it_is_final() -> None:
 
 def test_a_tick_may_be_told_of_when_the_next_has_begun() -> None:
     """Whatever happens in between, and as late as the caller likes."""
-    faults = (Fault("restart", 3.5, "relay:first", 0.8), Fault("pause", 5.0, "relay:first", 0.5))
-    at_once, late = Run(config(faults=faults)), Run(config(faults=faults))
+    faults = (
+        Fault("pause", 1.0, "3", 0.2),
+        Fault("restart", 6.5, "relay:first", 0.8),
+        Fault("pause", 8.0, "relay:first", 0.5),
+    )
+    at_once, late, never = (Run(config(faults=faults)) for _ in range(3))
     told: dict[Run, list[Told]] = {at_once: [], late: []}
-    for tick in range(70):
-        for run in (at_once, late):
+    for tick in range(100):
+        for run in (at_once, late, never):
             world = run.world
+            run.velocity = {2: (0.3, 0.1)}
             if tick == 0:
                 run.status[4] = Status(nms=3, hops=4, target_x_m=1.0)
             if tick == 5:
                 world.depart(4, "died", counted=False)  # which cuts nobody off
             if tick == 20:
                 world.arrive(4, new=True)
+            if tick in (21, 99):
+                run.status[4] = Status()  # without a route, and that in no other tick
             if tick == 24:
                 run.status[4] = Status(nms=2, hops=3)  # and not 3 any more
             if tick == 25:
                 world.depart(3, "died", counted=False)
-            if tick > 30:
-                first = tick % 2 + 1  # another one is next to the MS in every tick
+            if tick == 39 or 60 < tick < 99:
+                first = 2 - tick % 2 if tick > 60 else 2  # another one is next to the MS in every tick
                 run.status = {n: Status(nms=first, hops=2) for n in range(1, 5)} | {first: chain(1)}
+            if tick == 40:
+                world.inject(Fault("pause", 0.0, "relay:first", 0.3))
             for node in sorted(world.awaited()):
                 world.arrive(node, new=True)
             run.begun.append(world.begin())
@@ -374,4 +383,8 @@ def test_a_tick_may_be_told_of_when_the_next_has_begun() -> None:
     assert [a.snapshot.encode() for a in now] == [b.snapshot.encode() for b in then]
     assert [a.events for a in now] == [b.events for b in then]
     assert sum(len(a.events) for a in now) > 8
-    assert at_once.world.final() == late.world.final()
+    assert at_once.world.final() == late.world.final() == never.world.final()
+    for begin, account in zip(late.begun, then, strict=True):
+        places = dict(zip(begin.positions.nodes.tolist(), begin.positions.xy_m.tolist(), strict=True))
+        robots = zip(account.snapshot.nodes.tolist(), account.snapshot.xy_m.tolist(), strict=True)
+        assert all(places.get(node, place) == place for node, place in robots)

@@ -145,6 +145,8 @@ def move(
     """world.motion.move: (n, 2) places a tick later; None if a wall may be in somebody's way."""
     cdef Py_ssize_t n = xy_m.shape[0], k
     cdef double x, y, vx, vy, speed, step_x, step_y, col, row, to_col, to_row
+    if len(velocities_m_s) != n:
+        raise ValueError(f"{len(velocities_m_s)} velocities of {n} robots")
     out = np.empty((n, 2))
     cdef double[:, ::1] wanted = out
     for k in range(n):

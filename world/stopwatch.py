@@ -14,8 +14,9 @@ __all__ = ["Stopwatch"]
 class Stopwatch:
     """Wall time by tick and by process.
 
-    A tick is cut in three: until everybody has moved (on whoever came last), until the medium is done (on the
-    medium), and the rest (on the world itself). Waiting on purpose, for a speed or a hold, is no part of a tick.
+    A tick is cut in three: until everybody has moved (on whoever came last, whatever medium and world do meanwhile),
+    until the medium says that the tick is complete (on the medium), and the rest (on the world itself). Waiting on
+    purpose, for a speed or a hold, is no part of a tick.
     """
 
     def __init__(self) -> None:

@@ -27,7 +27,7 @@ __all__ = ["start"]
 
 def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     """Start all processes of the floor; the world writes `result` at the end."""
-    logins = credentials("floor", local_endpoint(result.parent), pattern.robots)
+    logins = credentials("floor", local_endpoint(result.parent, pattern.robots), pattern.robots)
     supervisor.start("medium", _medium, pattern, logins["medium"], users_of(logins))
     supervisor.start("world", _world, pattern, logins["world"], result)
     for node in pattern.nodes:
