@@ -207,6 +207,8 @@ class Shell:
             if delay_s <= 0.0:
                 return True
             self._publish()
+            if delay_s > Patience.SLICE_S:
+                self._flush()  # held: who watches wants to see how it stands
             self._receive(min(delay_s, Patience.SLICE_S))
             patience = Patience(time.monotonic())
 
