@@ -25,7 +25,7 @@ class Login:
 
     run: str
     endpoint: str
-    """Zenoh endpoint of the router, such as tcp/127.0.0.1:7447 or unixsock-stream//tmp/vds/router."""
+    """Zenoh endpoint of the router, such as tcp/127.0.0.1:7447, or `bus.session.local_endpoint`'s."""
     user: str
     """world, medium, station, operator, robot-1, robot-2, ..."""
     password: str = field(repr=False)

@@ -75,7 +75,7 @@ def cast(
     return out
 
 
-cdef Py_ssize_t crossed_by(
+cpdef Py_ssize_t crossed_by(
     const unsigned char[::1] walls,
     Py_ssize_t cols,
     double resolution_m,
@@ -86,7 +86,7 @@ cdef Py_ssize_t crossed_by(
     double x_b,
     double y_b,
 ) noexcept:
-    """Walls on one segment."""
+    """world.geometry: walls on one segment."""
     cdef Py_ssize_t last = walls.shape[0] - 1, cell, along_stride, across_stride, base, crossed = 0
     cdef double along, length, slope, enter, leave
     cdef bint steep, wall, in_wall = False, leaving
@@ -114,21 +114,6 @@ cdef Py_ssize_t crossed_by(
         enter = leave
         along += 1.0
     return crossed
-
-
-def line_of_sight(
-    const unsigned char[::1] walls,
-    Py_ssize_t cols,
-    double resolution_m,
-    double x0_m,
-    double y0_m,
-    double x_a,
-    double y_a,
-    double x_b,
-    double y_b,
-):
-    """world.geometry.line_of_sight."""
-    return crossed_by(walls, cols, resolution_m, x0_m, y0_m, x_a, y_a, x_b, y_b) == 0
 
 
 def move(

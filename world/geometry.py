@@ -98,5 +98,6 @@ def line_of_sight(
     """Whether no wall lies between two places inside the grid."""
     if kernels is not None:
         g = geometry
-        return bool(kernels.line_of_sight(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, *a, *b))
+        walls: int = kernels.crossed_by(occupied.reshape(-1), g.cols, g.resolution_m, g.x0_m, g.y0_m, *a, *b)
+        return walls == 0
     return not walls_crossed(occupied, geometry, np.array([a]), np.array([b]))[0]
