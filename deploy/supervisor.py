@@ -13,6 +13,7 @@ import ctypes
 import multiprocessing
 import multiprocessing.forkserver
 import os
+import selectors
 import signal
 import sys
 import threading
@@ -35,6 +36,8 @@ GRACE_S: Final = 3.0
 """Wall time that a process has between SIGTERM and SIGKILL, to close its files."""
 
 _PR_SET_PDEATHSIG: Final = 1
+_WAKE: Final = ""
+"""No process has this name."""
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -88,6 +91,9 @@ class Supervisor:
         self._wake_r, self._wake_w = os.pipe()
         os.set_blocking(self._wake_r, False)
         os.set_blocking(self._wake_w, False)
+        self._watched = selectors.DefaultSelector()
+        """Whose end is waited for: names by sentinel, and the wake-up call."""
+        self._watched.register(self._wake_r, selectors.EVENT_READ, _WAKE)
         logs.mkdir(parents=True, exist_ok=True)
         _start_fork_server()
 
@@ -103,6 +109,7 @@ class Supervisor:
         process = self._context.Process(target=_child, args=entry, name=name, daemon=True)
         process.start()
         self._living[name] = process
+        self._watched.register(process.sentinel, selectors.EVENT_READ, name)
         return self.pids[name]
 
     @property
@@ -138,12 +145,12 @@ class Supervisor:
 
     def wait(self, timeout_s: float | None = None) -> list[Exit]:
         """Sleep until a process ends, `wake` is called, or the time is over; return the ends since the last call."""
-        sentinels = {p.sentinel: name for name, p in self._living.items()}
-        ready = connection.wait([*sentinels, self._wake_r], timeout_s)
-        if self._wake_r in ready:
+        ready = [key.data for key, _ in self._watched.select(timeout_s)]
+        if _WAKE in ready:
+            ready.remove(_WAKE)
             with contextlib.suppress(BlockingIOError):
                 os.read(self._wake_r, 65_536)
-        return [self._reap(sentinels[s]) for s in ready if isinstance(s, int) and s in sentinels]
+        return [self._reap(name) for name in ready]
 
     def end(self, name: str) -> Exit | None:
         """Kill one process and wait until it is gone; None if there was none."""
@@ -170,11 +177,13 @@ class Supervisor:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
+        self._watched.close()
         os.close(self._wake_r)
         os.close(self._wake_w)
 
     def _reap(self, name: str) -> Exit:
         process = self._living.pop(name)
+        self._watched.unregister(process.sentinel)
         process.join()
         end = Exit(name, process.pid or 0, process.exitcode if process.exitcode is not None else 255)
         process.close()
