@@ -27,6 +27,7 @@ from world.messages import STATION, Cls, Event, Sense, Snapshot
 
 if TYPE_CHECKING:
     from monitor_station.recorder import Recorder
+    from monitor_station.view import StationView
 
 __all__ = ["JOURNAL", "MAP", "RECORDING", "run"]
 
@@ -35,6 +36,10 @@ JOURNAL: Final = "journal"
 MAP: Final = "map.yaml"
 
 _POLL_S: Final = 0.2
+
+_TOGETHER_TICKS: Final = 30
+_TOGETHER_S: Final = 0.1
+"""So many ticks are recorded at a time, or those of so much wall time: one by one, each finds the caches cold."""
 
 log = logging.getLogger(__name__)
 
@@ -161,12 +166,16 @@ class Screen:
         """Messages that were malformed."""
         self._tick = -1
         """Of the last snapshot."""
+        self._views: list[StationView] = []
+        """Ticks that are not recorded yet."""
+        self._recorded_s = time.monotonic()
         self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
 
     def show(self, station: Station) -> None:
-        """Record one tick and whatever has come in meanwhile."""
-        self._recorder.station(station.view())
-        self._drain()
+        """Take one tick, and from time to time record all that has come in."""
+        self._views.append(station.view())
+        if len(self._views) >= _TOGETHER_TICKS or time.monotonic() - self._recorded_s > _TOGETHER_S:
+            self._drain()
 
     def rest(self) -> None:
         """No tick is under way: show all that is known."""
@@ -175,6 +184,7 @@ class Screen:
 
     def catch_up(self, tick: int) -> None:
         """Record what is still under way, up to the snapshot of a tick, unless it was lost."""
+        self._drain()
         until_s = time.monotonic() + LATE_STOP_S
         while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0 and self._session.connected():
             self._record(self._mailbox.get(min(left_s, _POLL_S)))
@@ -186,6 +196,10 @@ class Screen:
         self._recorder.close()
 
     def _drain(self) -> None:
+        self._recorded_s = time.monotonic()
+        views, self._views = self._views, []
+        for view in views:
+            self._recorder.station(view)
         while (message := self._mailbox.get(0.0)) is not None:
             self._record(message)
 
