@@ -1,7 +1,8 @@
 """How the cores' cost of a tick grows: with the robots, their neighbors, the radius and the map.
 
 One thing is changed at a time around one base, in one process, so that nothing but the cores is measured. The start,
-when every robot looks around for the first time, is left out.
+when every robot looks around for the first time, is left out. The last cases show what it costs to find the caches
+cold, as a process does that has let others run.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
+
+import numpy as np
 
 from deploy.scenario import load
 from deploy.simulation import Observer, Simulation
@@ -31,6 +34,10 @@ _CASES: Final[tuple[tuple[str, dict[str, Any]], ...]] = (
     ("cells of the map", {"floor_plan.resolution_m": 0.5}),
     ("cells of the map", {"floor_plan.resolution_m": 0.25}),
 )
+_FEW: Final[dict[str, Any]] = {"robots": 9, "radius_m": 50.0}
+_TOUCHED_MB: Final = (0, 2, 8, 32)
+"""Memory that somebody else uses between two ticks."""
+_CACHE_LINE_BYTES: Final = 64
 
 
 @dataclass(frozen=True)
@@ -49,16 +56,26 @@ class Point:
 def scaling(ticks: int) -> Iterator[Point]:
     """Measure all cases over `ticks` ticks each."""
     for changed, values in _CASES:
-        scenario = load("hundred", _BASE | values)
-        degree = Degree(scenario.radius_m)
-        simulation = Simulation(scenario, Observer(snapshot=degree.add))
-        for _ in range(_WARM_TICKS):
-            simulation.step()
+        yield _point(changed, _BASE | values, ticks)
+    for touched_mb in _TOUCHED_MB:
+        yield _point(f"{touched_mb} MB used in between", _FEW, 10 * ticks, touched_mb)
+
+
+def _point(changed: str, values: dict[str, Any], ticks: int, touched_mb: int = 0) -> Point:
+    scenario = load("hundred", values)
+    degree = Degree(scenario.radius_m)
+    simulation = Simulation(scenario, Observer(snapshot=degree.add))
+    others = np.zeros(touched_mb << 20, np.uint8)[::_CACHE_LINE_BYTES]
+    for _ in range(_WARM_TICKS):
+        simulation.step()
+    spent_s = 0.0
+    for _ in range(ticks):
+        others += 1
         begun = time.process_time()
-        for _ in range(ticks):
-            simulation.step()
-        cost_s = (time.process_time() - begun) / ticks
-        yield Point(
-            changed, scenario.robots, scenario.radius_m, scenario.arena.geometry.size, round(degree.mean, 1),
-            round(cost_s * 1e3, 2), round(cost_s * 1e6 / scenario.robots, 1),
-        )  # fmt: skip
+        simulation.step()
+        spent_s += time.process_time() - begun
+    cost_s = spent_s / ticks
+    return Point(
+        changed, scenario.robots, scenario.radius_m, scenario.arena.geometry.size, round(degree.mean, 1),
+        round(cost_s * 1e3, 2), round(cost_s * 1e6 / scenario.robots, 1),
+    )  # fmt: skip
