@@ -306,6 +306,17 @@ cdef int push(Bucket* bucket, int32_t cell) except -1:
     return 0
 
 
+cdef inline int shorten(
+    double[::1] found, Py_ssize_t cell, double longer, Bucket* buckets, double per_metre
+) except -1:
+    """A way to a cell: 1 if it is shorter than those that were found, and the cell waits for its turn."""
+    if longer >= found[cell]:
+        return 0
+    found[cell] = longer
+    push(&buckets[<size_t>(longer * per_metre) % 3], <int32_t>cell)
+    return 1
+
+
 def lengths(
     const signed char[::1] cells,
     Py_ssize_t rows,
@@ -325,12 +336,10 @@ def lengths(
     cdef double per_metre = 1.0 / (0.9 * resolution_m), diagonal_m = resolution_m * sqrt(2.0), here, longer
     cdef Bucket buckets[3]
     cdef Bucket* bucket
-    cdef Py_ssize_t turn = 0, waiting = 1, k, cell, col, step, other
-    cdef Py_ssize_t steps[8]
-    cdef bint east, west, north, south, open_[8]
+    cdef Py_ssize_t turn = 0, waiting = 1, k, cell, col
+    cdef bint east, west, north, south
     out = np.full(rows * cols, INFINITY)
     cdef double[::1] found = out
-    steps[:] = [1, -1, cols, -cols, cols + 1, cols - 1, 1 - cols, -1 - cols]
     for k in range(3):
         buckets[k].cells = NULL
         buckets[k].count = buckets[k].room = 0
@@ -346,24 +355,34 @@ def lengths(
                 here = found[cell]
                 if <Py_ssize_t>(here * per_metre) != turn:
                     continue  # a shorter way was found since, and its turn has been
+                longer = here + resolution_m
+                if longer > limit_m:
+                    continue
                 col = <uint32_t>cell % <uint32_t>cols
                 east = col + 1 < cols and cells[cell + 1] == 0
                 west = col > 0 and cells[cell - 1] == 0
                 north = cell + cols < rows * cols and cells[cell + cols] == 0
                 south = cell >= cols and cells[cell - cols] == 0
-                open_[:] = [
-                    east, west, north, south,
-                    east and north and cells[cell + cols + 1] == 0, west and north and cells[cell + cols - 1] == 0,
-                    east and south and cells[cell - cols + 1] == 0, west and south and cells[cell - cols - 1] == 0,
-                ]
-                for step in range(8):
-                    if open_[step]:
-                        other = cell + steps[step]
-                        longer = here + (resolution_m if step < 4 else diagonal_m)
-                        if longer < found[other] and longer <= limit_m:
-                            found[other] = longer
-                            push(&buckets[<size_t>(longer * per_metre) % 3], <int32_t>other)
-                            waiting += 1
+                if east:
+                    waiting += shorten(found, cell + 1, longer, buckets, per_metre)
+                if west:
+                    waiting += shorten(found, cell - 1, longer, buckets, per_metre)
+                if north:
+                    waiting += shorten(found, cell + cols, longer, buckets, per_metre)
+                if south:
+                    waiting += shorten(found, cell - cols, longer, buckets, per_metre)
+                longer = here + diagonal_m
+                if longer > limit_m:
+                    continue
+                # Most diagonal neighbors are nearer already, which is sooner seen than whether they are free.
+                if east and north and longer < found[cell + cols + 1] and cells[cell + cols + 1] == 0:
+                    waiting += shorten(found, cell + cols + 1, longer, buckets, per_metre)
+                if west and north and longer < found[cell + cols - 1] and cells[cell + cols - 1] == 0:
+                    waiting += shorten(found, cell + cols - 1, longer, buckets, per_metre)
+                if east and south and longer < found[cell - cols + 1] and cells[cell - cols + 1] == 0:
+                    waiting += shorten(found, cell - cols + 1, longer, buckets, per_metre)
+                if west and south and longer < found[cell - cols - 1] and cells[cell - cols - 1] == 0:
+                    waiting += shorten(found, cell - cols - 1, longer, buckets, per_metre)
             waiting -= bucket.count
             bucket.count = 0
             turn += 1
