@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import rerun as rr
+from recordings import readable
 
 from deploy.emulation import Emulation
 
@@ -37,15 +38,11 @@ for tick, moment in enumerate(moments):
 
 
 def last_ticks(path: Path) -> dict[str, int]:
-    """Last tick of each entity, in a copy that Rerun has repaired: a message may be half written at any moment."""
+    """Last tick of each entity; a file without a footer makes the reader warn."""
     last: dict[str, int] = {}
-    whole = path.with_name("whole.rrd")
-    command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(whole)]
-    repair = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    assert repair.returncode == 0, repair.stderr
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for chunk in rr.chunk.RrdReader(whole).stream():
+        for chunk in rr.chunk.RrdReader(readable(path)).stream():
             batch = chunk.to_record_batch()
             if not chunk.is_static and "tick" in batch.schema.names:
                 tick = max(batch.column("tick").to_pylist())

@@ -22,8 +22,9 @@ __all__ = ["Point", "scaling"]
 
 _WARM_TICKS: Final = 10
 _BASE: Final[dict[str, Any]] = {"robots": 30, "radius_m": 27.0}
+_FEW: Final[dict[str, Any]] = {"robots": 9, "radius_m": 50.0}
 _CASES: Final[tuple[tuple[str, dict[str, Any]], ...]] = (
-    ("robots", {"robots": 9, "radius_m": 50.0}),
+    ("robots", _FEW),
     ("robots", {"robots": 30, "radius_m": 27.0}),
     ("robots", {"robots": 60, "radius_m": 19.0}),
     ("robots", {"robots": 100, "radius_m": 15.0}),
@@ -34,7 +35,6 @@ _CASES: Final[tuple[tuple[str, dict[str, Any]], ...]] = (
     ("cells of the map", {"floor_plan.resolution_m": 0.5}),
     ("cells of the map", {"floor_plan.resolution_m": 0.25}),
 )
-_FEW: Final[dict[str, Any]] = {"robots": 9, "radius_m": 50.0}
 _TOUCHED_MB: Final = (0, 2, 8, 32)
 """Memory that somebody else uses between two ticks."""
 _CACHE_LINE_BYTES: Final = 64
