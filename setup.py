@@ -56,7 +56,10 @@ def cores() -> list[Extension]:
     names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
     station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
-    bus = [f"bus/{name}.py" for name in ("codec", "envelopes", "lockstep", "mailbox", "member", "phases")]
+    bus = [
+        f"bus/{name}.py"
+        for name in ("codec", "envelopes", "lockstep", "mailbox", "malformed", "member", "nodes", "phases")
+    ]
     return mypycify(sorted([*paths, *station, *bus, "deploy/simulation.py"]), opt_level="3", debug_level="0")
 
 

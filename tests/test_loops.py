@@ -32,7 +32,7 @@ from tests.oracles.own_map import OracleMap
 from world.geometry import line_of_sight, walls_crossed
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from world.lidar import Caster
-from world.messages import NOBODY
+from world.terms import NOBODY
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
 LOOPS = sorted(".".join(path.relative_to(ROOT).with_suffix("").parts) for path in ROOT.glob("[abmw]*/_*.pyx"))

@@ -6,7 +6,7 @@ from array import array
 
 from agents.forwarding_table import ROW, ForwardingTable
 from bus.codec import WireError
-from world.messages import MAX_NODE, NOBODY, STATION, Cls
+from world.terms import MAX_NODE, NOBODY, STATION, Cls
 
 _BAD_ROW = "number and metric disagree (odd means infinite), or there is no such node or number"
 

@@ -7,7 +7,7 @@ import struct
 
 from bus.codec import WireError
 from medium.messages import Inbox, Reception
-from world.messages import MAX_NODE
+from world.terms import MAX_NODE
 
 _TICK = struct.Struct("<I")
 _HEARD = struct.Struct("<HdI")
