@@ -15,9 +15,9 @@ LEFT_TO_PYTHON = (
 
 def modules() -> list[str]:
     """The modules that a tick runs through."""
-    names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
+    names = [path for package in ("agents", "world", "medium") for path in Path(package).rglob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
-    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
+    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "recording/states")]
     bus = [f"bus/{name}.py" for name in ("codec", "envelopes", "lockstep", "mailbox", "member", "phases")]
     return sorted([*paths, *station, *bus, "deploy/simulation.py"])
 

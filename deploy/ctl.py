@@ -37,11 +37,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("command", nargs="+", help="see below")
     options = parser.parse_args(arguments)
 
-    from deploy.own_python import require
+    from deploy.command import require
 
     require(Path(__file__), NEEDED)
     from bus.session import BusError, Session
-    from deploy.operator_file import read_operator
+    from deploy.processes.operator_file import read_operator
 
     folder = options.run or newest_run([Path("runs"), ROOT / "runs"])
     if folder is None:
@@ -74,7 +74,7 @@ def question(words: list[str]) -> str:
 
 def newest_run(places: list[Path]) -> Path | None:
     """The run folder of the youngest run that is under way."""
-    from deploy.operator_file import OPERATOR, living_launcher
+    from deploy.processes.operator_file import OPERATOR, living_launcher
 
     found = [file for place in places for file in place.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
     return max(found, key=lambda file: file.stat().st_mtime).parent if found else None

@@ -19,7 +19,7 @@ from typing import Any, Final, Self
 
 from bus.lockstep import unbatch
 from bus.session import BusError, Mailbox, Session
-from deploy.operator_file import read_operator
+from deploy.processes.operator_file import read_operator
 from deploy.scenario import load
 from world.faults import parse_fault, tick_of
 from world.messages import STATION, TICK_S, Event, Snapshot

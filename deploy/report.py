@@ -38,12 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     if (options.run is None) == (options.compare is None):
         parser().error("expected either RUN_DIR or --compare RUN_A RUN_B")
-    from deploy.own_python import require
+    from deploy.command import require
 
     require(Path(__file__), NEEDED)
-    from deploy.comparison_page import comparison_page
-    from deploy.report_page import report_page
-    from deploy.run_files import RunFilesError, read_run
+    from deploy.page.comparison_page import comparison_page
+    from deploy.page.run_page import report_page
+    from deploy.run_folder.reader import RunFilesError, read_run
 
     try:
         if options.compare is None:

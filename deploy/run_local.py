@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from deploy.live_table import View
-    from deploy.past_run import Baseline
+    from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
+    from deploy.screen.live_table import View
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 NEEDED: Final = (
@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.own_python import require
+    from deploy.command import require
 
     require(Path(__file__), NEEDED)
     try:
@@ -93,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
-    from deploy.past_run import faults_of
+    from deploy.run_folder.baseline import faults_of
     from deploy.scenario import load, parse_set
 
     replay: Path | None = options.replay_faults
@@ -118,7 +118,7 @@ def _scenario(options: argparse.Namespace) -> Scenario:
 
 
 def _baseline(folder: Path | None, scenario: Scenario) -> Baseline | None:
-    from deploy.past_run import Baseline
+    from deploy.run_folder.baseline import Baseline
 
     try:
         return None if folder is None else Baseline.of(folder, scenario)
@@ -148,7 +148,7 @@ def _endpoint(port: int) -> str:
 
 def _folder(asked: Path | None, scenario: str) -> Path:
     """Make the run folder, or say why it can't be."""
-    from deploy.operator_file import living_launcher
+    from deploy.processes.operator_file import living_launcher
 
     out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
     try:
@@ -176,7 +176,7 @@ def _run(
 ) -> int:
     from rich.console import Console
 
-    from deploy.run_folder import RunFolder
+    from deploy.run_folder.writer import RunFolder
 
     console = Console(stderr=False, quiet=options.quiet)
     with RunFolder(out, scenario, baseline) as folder:
@@ -184,7 +184,7 @@ def _run(
         pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
         view.line(f"run folder {out}{pids}")
         if options.in_process:
-            from deploy.run_in_process import run_in_process
+            from deploy.in_process import run_in_process
 
             summary, failures = run_in_process(scenario, folder, view, record=not options.no_recording)
         else:
@@ -196,7 +196,7 @@ def _run(
 
 
 def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
-    from deploy.live_table import LiveTable, PlainLines, Silence
+    from deploy.screen.live_table import LiveTable, PlainLines, Silence
 
     if options.quiet:
         return Silence()
@@ -207,8 +207,8 @@ def _run_processes(
     options: argparse.Namespace, scenario: Scenario, endpoint: str | None, folder: Any, view: View
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
-    from deploy.launcher import Launcher
-    from deploy.live_viewer import LiveViewer, has_display
+    from deploy.processes.launcher import Launcher
+    from deploy.screen.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from deploy.study_execution import Workers
-    from deploy.study_plan import Point, Study
-    from deploy.study_table import Results
+    from deploy.sweep.plan import Point, Study
+    from deploy.sweep.results import Results
+    from deploy.sweep.workers import Workers
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 NEEDED: Final = ("matplotlib", "pyarrow", "zenoh", "pydantic", "rich", "scipy")
@@ -58,14 +58,14 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.own_python import require
+    from deploy.command import require
 
     require(Path(__file__), NEEDED)
-    from deploy.study_run import one_thread
+    from deploy.sweep.row import one_thread
 
     one_thread()
     from deploy.scenario import ScenarioError
-    from deploy.study_plan import load_study, points_of
+    from deploy.sweep.plan import load_study, points_of
 
     if options.study == [REPORT]:
         return _report(options.out)
@@ -111,7 +111,7 @@ def _sampled(points: list[Point], count: int | None) -> list[Point]:
 
 
 def _workers(options: argparse.Namespace) -> Workers:
-    from deploy.study_execution import DaskCluster, LocalPool
+    from deploy.sweep.workers import DaskCluster, LocalPool
 
     if options.dask:
         try:
@@ -142,7 +142,7 @@ def _marks(options: argparse.Namespace) -> list[str]:
 def _run(study: Study, points: list[Point], workers: Workers | None, options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from deploy.study_table import Results
+    from deploy.sweep.results import Results
 
     console = Console()
     try:
@@ -165,8 +165,8 @@ def _run(study: Study, points: list[Point], workers: Workers | None, options: ar
 def _execute(
     study: Study, points: list[Point], workers: Workers, results: Results, console: Console, options: argparse.Namespace
 ) -> None:
-    from deploy.study_execution import Execution
-    from deploy.study_run import ERROR
+    from deploy.sweep.row import ERROR
+    from deploy.sweep.workers import Execution
 
     done = results.done(retry_failed=options.retry_failed)
     todo = [point for point in points if point.key not in done]
@@ -189,7 +189,7 @@ def _execute(
 
 
 def _warn_of_other_code(results: Results, planned: set[str], console: Console) -> None:
-    from deploy.study_run import code_version
+    from deploy.sweep.row import code_version
 
     others = [row for row in results.rows() if row["key"] in planned and row.get("code") != code_version()]
     if others:
@@ -232,15 +232,15 @@ def _processor() -> str:
 
 def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
     from deploy.scenario import load
-    from deploy.study_plots import draw
-    from deploy.study_statistics import bounds_of
+    from deploy.sweep.plots import draw
+    from deploy.sweep.statistics import bounds_of
 
     for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
         _say(console, f"drawn: {path}")
 
 
 def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Console) -> int:
-    from deploy.study_statistics import usable
+    from deploy.sweep.statistics import usable
 
     here = [row for row in rows if row["key"] in planned]
     failed = len(here) - len(usable(here))
@@ -252,7 +252,7 @@ def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Conso
 def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, console: Console) -> int:
     if other is None:
         return 0
-    from deploy.study_table import Results, differences
+    from deploy.sweep.results import Results, differences
 
     others = [row for row in Results(other).rows() if row["key"] in planned]
     lines = differences([row for row in rows if row["key"] in planned], others)
@@ -263,7 +263,7 @@ def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, 
 
 
 def _report(out: Path | None) -> int:
-    from deploy.study_report import write_report
+    from deploy.paper.results_page import write_report
 
     for page in write_report(Path("runs") / "studies", out or ROOT / "docs"):
         print(f"written: {page}")

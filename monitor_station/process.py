@@ -26,7 +26,7 @@ from world.floor_plan import save_map
 from world.messages import STATION, Cls, Event, Sense, Snapshot
 
 if TYPE_CHECKING:
-    from monitor_station.recorder import Recorder
+    from monitor_station.recording.recorder import Recorder
     from monitor_station.view import StationView
 
 __all__ = ["JOURNAL", "MAP", "RECORDING", "run"]
@@ -155,7 +155,7 @@ class Screen:
 
     def __init__(self, login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> None:
         # Only a station that records needs Rerun.
-        from monitor_station.recorder import Recorder
+        from monitor_station.recording.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._mailbox = Mailbox()

@@ -16,8 +16,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from bus.session import free_endpoint
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from deploy.processes.entry import role_name
+from deploy.processes.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start"]

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from deploy.node_processes import PRELOAD, role_name
-from deploy.processors import places, shared
-from deploy.supervisor import Supervisor
+from deploy.processes.entry import PRELOAD, role_name
+from deploy.processes.processors import places, shared
+from deploy.processes.supervisor import Supervisor
 from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
 from tests.bench.pattern import Pattern

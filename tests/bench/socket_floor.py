@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from deploy.processes.entry import role_name
+from deploy.processes.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start_unix", "start_zeromq"]

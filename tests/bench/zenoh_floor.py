@@ -11,8 +11,8 @@ import numpy as np
 from bus.access import Login, credentials, user_name, users_of
 from bus.member import Member
 from bus.session import Session, local_endpoint
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from deploy.processes.entry import role_name
+from deploy.processes.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
