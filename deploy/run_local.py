@@ -14,36 +14,26 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from deploy.command import Parser
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
     from deploy.screen.live_table import View
-
-ROOT: Final = Path(__file__).resolve().parent.parent
-NEEDED: Final = (
-    "annotated_types", "msgpack", "numpy", "PIL", "pydantic", "rerun", "rich", "scipy", "setproctitle", "tomli_w",
-    "yaml", "zenoh",
-)  # fmt: skip
 
 
 class BadInputError(Exception):
     """Something that was asked for can't be; one line for the user."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"run_local.py: {message} (--help lists the options)\n")
-
-
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line."""
-    p = _Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
+    from deploy.command import Parser
+
+    p = Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
     p.add_argument("--robots", type=int, metavar="N", help="how many robots (default: the scenario's)")
     p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
     p.add_argument("--radius", type=float, metavar="M", help="transmission radius r_t in metres")
@@ -76,9 +66,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.command import require
+    from deploy.command import refuse, require
 
-    require(Path(__file__), NEEDED)
+    require(Path(__file__))
     try:
         if options.live and (options.no_recording or options.in_process):
             raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
@@ -87,8 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         endpoint = None if options.port is None else _endpoint(options.port)
         out = _folder(options.out, scenario.name)
     except BadInputError as error:
-        print(f"run_local.py: {error}", file=sys.stderr)
-        return 2
+        return refuse("run_local.py", error)
     return _run(options, scenario, baseline, endpoint, out)
 
 
@@ -241,6 +230,5 @@ def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    sys.path[0] = str(ROOT)
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
     sys.exit(main())
