@@ -21,7 +21,7 @@ from typing import Final
 
 from bus.codec import WireError
 from world.compiled import kernels
-from world.messages import MAX_NODE, NOBODY, STATION, UNREACHABLE
+from world.terms import MAX_NODE, NOBODY, STATION, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
 """A row on the air: dst, freshness, inherent elements."""
@@ -97,7 +97,7 @@ class ForwardingTable:
         return x / _PER_METRE, y / _PER_METRE
 
     def cls(self, dst: int) -> int:
-        """Class of a known destination (world.messages.Cls)."""
+        """Class of a known destination (world.terms.Cls)."""
         return self._inherent[dst * _INHERENT_BYTES] & _CLS_BIT
 
     def needs(self, dst: int) -> bool:

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable
 from agents.neighbors import Neighbor, Neighbors
-from world.messages import NOBODY, STATION, UNREACHABLE
+from world.terms import NOBODY, STATION, UNREACHABLE
 
 
 class MsRoute:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
     from deploy.screen.live_table import View
-    from world.messages import Event, Snapshot
+    from world.feed import Event, Snapshot
 
 __all__ = ["run_in_process"]
 

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 from bus.codec import WireError, head, integer, pack, unpack
 from world.compiled import kernels
-from world.messages import MAX_NODE, MAX_TICK
+from world.terms import MAX_NODE, MAX_TICK
 
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from world.compiled import kernels
 from world.geometry import walls_crossed
 from world.grid import GridGeometry
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["move"]
 

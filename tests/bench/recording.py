@@ -12,7 +12,7 @@ from typing import Any
 from monitor_station.recording.recorder import Recorder
 from tests.bench.row import Row
 from tests.helpers.synthetic import Mission, feed
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["paired", "recorder_cost"]
 

@@ -18,7 +18,7 @@ from monitor_station.recording.recorder import Recorder
 from monitor_station.recording.tiles import MapTiles
 from tests import ROOT
 from tests.monitor_station.test_recorder import read
-from world.messages import STATION
+from world.terms import STATION
 
 CORRIDOR = ROOT / "tests" / "helpers" / "scenarios" / "corridor.toml"
 

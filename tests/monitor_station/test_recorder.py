@@ -28,8 +28,9 @@ from monitor_station.recording.tiles import MapTiles
 from tests import ROOT
 from tests.helpers.recordings import readable, rrd
 from tests.helpers.synthetic import Mission, Moment, feed, record
+from world.feed import Event, Snapshot
 from world.grid import FREE, GridGeometry
-from world.messages import NOBODY, STATION, Cls, Event, Mode, Snapshot
+from world.terms import NOBODY, STATION, Cls, Mode
 
 TICKS = 1_000
 KILL_TICK = 600

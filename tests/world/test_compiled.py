@@ -42,8 +42,8 @@ from tests import ROOT
 from world.geometry import line_of_sight, walls_crossed
 from world.grid import OCCUPIED, UNKNOWN, GridGeometry
 from world.lidar import Caster
-from world.messages import NOBODY
 from world.motion import move
+from world.terms import NOBODY
 
 GEOMETRY = GridGeometry(30, 36, 0.5, -3.0, 7.0)
 USERS = (
