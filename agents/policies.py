@@ -1,4 +1,7 @@
-"""Which class decides for a robot, by the name in a scenario: `vds`, `scout`, or `module:Class`."""
+"""Which class decides for a robot, by the name in a scenario: `vds`, `scout`, or `module:Class`.
+
+For shells and scenarios: it imports what a user names, and cores are given the class.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,6 @@ import contextlib
 import copy
 import dataclasses
 import functools
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -16,11 +15,11 @@ from typing import Any, Final
 
 import tomli_w
 
-from agents.config import RobotConfig
+from agents.config import POWER_SMOOTHING_S, RobotConfig
 from agents.policies import PolicyError, policy_class
 from deploy.scenario.arena import Arena, survey
 from deploy.scenario.tables import ScenarioError, Tables, nearest, validate
-from medium.config import MediumConfig, Radio
+from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, fault_form, parse_fault
@@ -30,7 +29,6 @@ from world.terms import STATION
 __all__ = ["Scenario", "load", "names", "parse_set"]
 
 FOLDER: Final = Path(__file__).resolve().parent.parent / "scenarios"
-_SMOOTHING_S: Final = 1.0
 _BARE: Final = re.compile(r"[A-Za-z_][\w:.-]*")
 
 
@@ -112,8 +110,8 @@ class Scenario:
             tx_power_dbm=radio.tx_power_dbm,
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
-            power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
-            wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
+            power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
+            wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             policy=tables.policy,
             rules=tables.rules,
         )
@@ -275,28 +273,15 @@ def _fault_table(fault: Any) -> Any:
 
 def _check(tables: Tables) -> None:
     """What no field can say alone."""
-    routing, retreat = tables.rules.routing, tables.rules.exploring
-    if not routing.r_in_share < routing.r_out_share <= 1:
-        shares = f"r_in_share = {routing.r_in_share:g}, r_out_share = {routing.r_out_share:g}"
-        raise ScenarioError(f"rules.routing: {shares}: needs r_in_share < r_out_share <= 1")
-    if retreat.retreat_min_s > retreat.retreat_max_s:
-        raise ScenarioError("rules.exploring: needs retreat_min_s <= retreat_max_s")
+    try:
+        tables.rules.check()
+    except ValueError as error:
+        raise ScenarioError(f"rules.{error}") from None
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)
         except ValueError as error:
             raise ScenarioError(f"fault[{i}]: {error}") from None
-
-
-def _wall_factor(radio: Radio, believed_db: float | None) -> float:
-    """How many times farther away one wall makes a node seem, as the robots believe."""
-    if radio.model == "disk":
-        return 1.0
-    if radio.model == "disk_los":
-        return math.inf
-    loss_db = radio.wall_loss_db if believed_db is None else believed_db
-    factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
-    return factor
 
 
 def _plain(value: Any) -> Any:
