@@ -24,6 +24,8 @@ class Stream(IntEnum):
     """Noise of a robot's pose at a tick (`counted`)."""
     CHOICE = 2
     """Whom a fault with target `random` hits (`sequence`)."""
+    LOSS = 3
+    """Which frames are lost, by the radio or by a fault (`sequence`)."""
     STARTS = 100
     """Where robots start (`sequence`)."""
     VICTIMS = 101
