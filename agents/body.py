@@ -10,7 +10,7 @@ from agents.dsdv import Router
 from agents.ms_distance import MsDistance
 from agents.own_map import OwnMap
 from agents.planner import Planner
-from world.messages import NOBODY, Cls, Mode
+from world.terms import NOBODY, Cls, Mode
 
 Place = tuple[float, float]
 

@@ -15,7 +15,8 @@ from agents.scan_uplink import ScanUplink
 from bus.codec import WireError
 from bus.phases import Mark, unmarked
 from medium.messages import BROADCAST, Frame, Inbox, Reception
-from world.messages import NOBODY, Cls, Mode, Motion, Sense, Status
+from world.messages import Motion, Sense, Status
+from world.terms import NOBODY, Cls, Mode
 
 _TABLE_INTERVAL_TICKS = 10
 

@@ -32,7 +32,7 @@ from mypy_extensions import mypyc_attr
 from agents.body import Body, Place
 from agents.explorer import ticks
 from agents.vds import STILL, Vds, Velocity
-from world.messages import NOBODY, TICK_S, Cls, Mode
+from world.terms import NOBODY, TICK_S, Cls, Mode
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

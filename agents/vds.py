@@ -21,7 +21,7 @@ from agents.body import Action, Body, Place
 from agents.explorer import Explorer
 from agents.srrc import Classifier, eligible_msrs, farthest_msr
 from agents.walker import Walker
-from world.messages import NOBODY, Cls, Mode
+from world.terms import NOBODY, Cls, Mode
 
 Velocity = tuple[float, float]
 

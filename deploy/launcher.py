@@ -21,19 +21,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgpack
 
-from bus.access import credentials, user_name, users_of
+from bus.access import credentials, users_of
 from bus.codec import WireError
-from bus.keys import check_run
-from bus.lockstep import unbatch
+from bus.keys import Keys, check_run
 from bus.member import LATE_STOP_S, LOST_STATUS
+from bus.nodes import process_name, user_name
 from bus.phases import decode_phases
 from bus.session import BusError, Mailbox, Session, new_token
-from deploy.node_processes import PRELOAD, role_name, run_medium, run_robot, run_station, run_world
+from deploy.node_processes import PRELOAD, run_medium, run_robot, run_station, run_world
 from deploy.operator_file import OPERATOR, write_operator
 from deploy.processors import places, shared
 from deploy.run_folder import RunFolder
 from deploy.supervisor import Exit, Supervisor
-from world.messages import STATION, TICK_S, Event, Signal, Snapshot
+from world.feed import Event, Signal, unpack_feed
+from world.terms import STATION, TICK_S
 
 if TYPE_CHECKING:
     from deploy.live_table import View
@@ -107,7 +108,7 @@ class Launcher:
         self._record = record
         self._live_port = live_port
         self._held = held
-        nodes = [role_name(node) for node in range(scenario.robots + 1)]
+        nodes = [process_name(node) for node in range(scenario.robots + 1)]
         processors = () if plain_scheduling else shared(len(nodes) + len(("world", "medium")))
         self._places = places(processors, nodes)
         self._recording_id = str(uuid.uuid4())
@@ -180,13 +181,13 @@ class Launcher:
     def _start_node(self, supervisor: Supervisor, node: int) -> None:
         login = self._logins[user_name(node)]
         if node != STATION:
-            supervisor.start(role_name(node), run_robot, self._scenario.robot_config(node), login)
+            supervisor.start(process_name(node), run_robot, self._scenario.robot_config(node), login)
             return
         recorder = None
         if self._record:
             recorder = dataclasses.replace(self._scenario.recorder_config(self._run), recording_id=self._recording_id)
         station = self._scenario.station_config()
-        supervisor.start(role_name(node), run_station, station, login, recorder, self._folder.path, self._live_port)
+        supervisor.start(process_name(node), run_station, station, login, recorder, self._folder.path, self._live_port)
 
     def _show_pids(self, supervisor: Supervisor) -> None:
         pids = {"launcher": os.getpid(), **supervisor.pids}
@@ -226,7 +227,7 @@ class Launcher:
             self._take_mail()
             if self._asked_to_stop > self._seen_stop:
                 self._stop_asked(session)
-            if not self._owed and not {"world", role_name(STATION)} & supervisor.pids.keys():
+            if not self._owed and not {"world", process_name(STATION)} & supervisor.pids.keys():
                 if supervisor.pids.keys() == {"medium"}:
                     session.close()
                 else:
@@ -252,14 +253,14 @@ class Launcher:
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
             if expected or end.code == 0:
                 # One that was killed or never came owes nothing.
-                if end.name == role_name(STATION) and end.name not in self._finals:
+                if end.name == process_name(STATION) and end.name not in self._finals:
                     self._owed.add(end.name)
                 continue
             if end.name in ("world", "medium"):
                 self._lose(str(end), end.name)
             elif not end.by_signal and end.code != LOST_STATUS and self._lost is None:
                 self._fail(str(end), end.name)
-            elif end.name == role_name(STATION) and self._may_return(end):
+            elif end.name == process_name(STATION) and self._may_return(end):
                 self._view.line(f"{end}; it is started again")
                 self._start_again(STATION)
             elif self._lost is None:
@@ -284,8 +285,8 @@ class Launcher:
 
     def _start_again(self, node: int) -> None:
         if self._supervisor is not None:
-            self._supervisor.end(role_name(node))
-            self._sent_away.discard(role_name(node))
+            self._supervisor.end(process_name(node))
+            self._sent_away.discard(process_name(node))
             self._start_node(self._supervisor, node)
             self._show_pids(self._supervisor)
 
@@ -306,7 +307,7 @@ class Launcher:
     def _take_mail(self) -> None:
         while self._mail:
             key, payload = self._mail.popleft()
-            kind, _, rest = key.split("/@sim/", 1)[1].partition("/")
+            kind, rest = Keys.kind_of(key)
             try:
                 self._receive(kind, rest, payload)
             except WireError as error:
@@ -314,7 +315,7 @@ class Launcher:
 
     def _receive(self, kind: str, rest: str, payload: bytes) -> None:
         if kind == "feed":
-            for snapshot in map(Snapshot.decode, unbatch(payload)):
+            for snapshot in unpack_feed(payload):
                 self._folder.snapshot(snapshot)
                 self._view.snapshot(snapshot)
         elif kind == "event":
@@ -348,7 +349,7 @@ class Launcher:
         self._give_up_in(_CLOSE_S)
 
     def _carry_out(self, order: Signal) -> None:
-        supervisor, name = self._supervisor, role_name(order.node)
+        supervisor, name = self._supervisor, process_name(order.node)
         if supervisor is None:
             return
         if order.verb == "spawn":

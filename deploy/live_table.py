@@ -12,7 +12,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from world.messages import TICK_S, UNREACHABLE, Cls, Event, Mode, Snapshot
+from bus.nodes import process_name
+from world.feed import Event, Snapshot
+from world.terms import TICK_S, UNREACHABLE, Cls, Mode
 
 __all__ = ["LiveTable", "PlainLines", "Silence", "View", "state_of"]
 
@@ -47,7 +49,7 @@ class View(Protocol):
 
 def state_of(s: Snapshot, row: int, pids: Mapping[str, int] | None) -> str:
     """What a robot is doing, in one word or two."""
-    if pids is not None and f"robot/{s.nodes[row]}" not in pids:
+    if pids is not None and process_name(int(s.nodes[row])) not in pids:
         return "gone"
     if not s.present[row]:
         return "out"
@@ -179,7 +181,7 @@ class LiveTable:
         for row in range(min(len(s.nodes), self._tallest)):
             node = int(s.nodes[row])
             state = state_of(s, row, self._pids)
-            pid = "" if self._pids is None else str(self._pids.get(f"robot/{node}", "-"))
+            pid = "" if self._pids is None else str(self._pids.get(process_name(node), "-"))
             hops = "-" if s.hops[row] == UNREACHABLE else str(s.hops[row])
             cells = [str(node), pid, Cls(int(s.cls[row])).name, hops, _node(s.nms[row]), _node(s.msr[row])]
             table.add_row(*cells, Text(state, style=_STYLES.get(state, "")))

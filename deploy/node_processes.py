@@ -7,21 +7,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.access import Login
-from world.compiled import kernels
-from world.messages import STATION
 
-__all__ = ["PRELOAD", "role_name", "run_medium", "run_robot", "run_station", "run_world"]
+__all__ = ["PRELOAD", "run_medium", "run_robot", "run_station", "run_world"]
 
 PRELOAD: Final = (
     "numpy", "msgpack", "zenoh", "world.process", "medium.process", "agents.process", "monitor_station.process",
-    "deploy.supervisor", "deploy.node_processes", *(("agents.walkable_graph",) if kernels is None else ()),
+    "deploy.supervisor", "deploy.node_processes",
 )  # fmt: skip
 """Modules that the fork server imports once for all."""
-
-
-def role_name(node: int) -> str:
-    """Process name of a node."""
-    return "station" if node == STATION else f"robot/{node}"
 
 
 def run_world(config: Any, login: Login) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from deploy.verdicts import lost_reports, settle
-from world.messages import TICK_S, UNREACHABLE, Cls, Event, Snapshot
+from world.feed import Event, Snapshot
+from world.terms import TICK_S, UNREACHABLE, Cls, seconds_of
 
 if TYPE_CHECKING:
     from deploy.past_run import Baseline
@@ -63,7 +64,7 @@ class RunFolder:
         """Write one line of events.jsonl."""
         line = {
             "tick": event.tick,
-            "at_s": round(event.tick * TICK_S, 1),
+            "at_s": seconds_of(event.tick),
             "kind": event.kind,
             "node": event.node,
             "text": event.text,
@@ -101,7 +102,7 @@ class RunFolder:
         world, medium, station = (finals.get(name, {}) for name in ("world", "medium", "station"))
         scenario, seen = self._scenario, self._progress
         ticks = world.get("ticks", 0 if self.latest is None else self.latest.tick + 1)
-        simulated_s = round(ticks * TICK_S, 1)
+        simulated_s = seconds_of(ticks)
         return {
             "status": status or world.get("status", "failed"),
             "scenario": scenario.name,
@@ -192,7 +193,7 @@ def _row(s: Snapshot) -> list[object]:
     present = s.present == 1
     hops = s.hops[present & (s.hops < UNREACHABLE)]
     return [
-        round(s.tick * TICK_S, 1),
+        seconds_of(s.tick),
         int(present.sum()),
         len(hops),
         int((present & (s.cls == Cls.RR)).sum()),
@@ -243,7 +244,7 @@ class _Progress:
         if s.search_rate == self._rates:
             return
         self._rates = s.search_rate
-        now_s = round(s.tick * TICK_S, 1)
+        now_s = seconds_of(s.tick)
         for name, rate in zip(self._cells, s.search_rate, strict=False):
             self.search_rate[name] = rate
             if rate >= 1.0 and self.search_time_s[name] is None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from deploy.live_table import View
     from deploy.run_folder import RunFolder
     from deploy.scenario import Scenario
-    from world.messages import Event, Snapshot
+    from world.feed import Event, Snapshot
 
 __all__ = ["run_in_process"]
 

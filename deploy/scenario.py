@@ -25,7 +25,7 @@ from monitor_station.config import RecorderConfig, StationConfig
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, fault_form, parse_fault
 from world.floor_plan import digest_of_map
-from world.messages import STATION
+from world.terms import STATION
 
 __all__ = ["Scenario", "ScenarioError", "load", "names", "parse_set"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from monitor_station import palette
 from monitor_station.config import RecorderConfig
 from monitor_station.tiles import Tile
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 LEGEND: Final = """\
 **Map** white: explored and free, black: wall, dark: unknown; lighter: true rooms that the MS does not know yet.

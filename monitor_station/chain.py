@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Snapshot
+from world.feed import Snapshot
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
 
 def linked(snapshot: Snapshot) -> NDArray[np.bool_]:

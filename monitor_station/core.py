@@ -18,7 +18,8 @@ from monitor_station.config import StationConfig
 from monitor_station.map_merger import MapMerger
 from monitor_station.search_rate import SearchRate
 from monitor_station.view import StationView
-from world.messages import NOBODY, Cls, Report, Sense
+from world.messages import Report, Sense
+from world.terms import NOBODY, Cls
 
 _RECORD: Final = struct.Struct("<II")
 """Of the journal: the tick at which a report was merged, and its length."""

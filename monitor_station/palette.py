@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from monitor_station.states import State
-from world.messages import Cls
+from world.terms import Cls
 
 Rgb = tuple[int, int, int]
 

@@ -17,15 +17,17 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from agents.messages import Table
+from bus.nodes import short_name
 from monitor_station import blueprint, palette
 from monitor_station.blueprint import Height, lift
 from monitor_station.chain import farthest_chain, hop_summary, link_strips, parents, places, tree_layout
 from monitor_station.config import RecorderConfig
 from monitor_station.states import State, SteadyStates, states_of
-from monitor_station.table_text import node_name, table_key, table_markdown
+from monitor_station.table_text import table_key, table_markdown
 from monitor_station.tiles import MapTiles
 from monitor_station.view import StationView
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Mode, Snapshot
+from world.feed import Event, Snapshot
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls, Mode
 
 _TICK_NS: Final = 100_000_000
 _HELD_TICKS: Final = 500
@@ -193,7 +195,7 @@ class Recorder:
         self._log(view.tick, "ms/robots", rr.Points3D.from_fields(colors=colors))
         if len(view.robots) != self._named:
             self._named = len(view.robots)
-            labels = [node_name(node) for node in view.robots.tolist()]
+            labels = [short_name(node) for node in view.robots.tolist()]
             self._log(view.tick, "ms/names", rr.Points3D.from_fields(labels=labels))
 
     def _log_victims(self, view: StationView) -> None:
@@ -292,13 +294,13 @@ class Recorder:
         nms = parents(snapshot)
         nodes = [STATION, *snapshot.nodes.tolist()]
         colors = np.vstack((np.array([palette.GREEN]), np.array(palette.STATE_COLORS)[states])).astype(np.uint8)
-        names = [node_name(node) for node in nodes]
+        names = [short_name(node) for node in nodes]
         spots = tree_layout(nodes, nms) * blueprint.GRAPH_SIZE
         self._log(
             snapshot.tick,
             "network/graph",
             rr.GraphNodes(names, positions=spots, colors=colors, labels=names),
-            rr.GraphEdges([(node_name(a), node_name(b)) for a, b in nms.items()], graph_type="directed"),
+            rr.GraphEdges([(short_name(a), short_name(b)) for a, b in nms.items()], graph_type="directed"),
         )
 
     # What happens

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from world.messages import Mode, Snapshot
+from world.feed import Snapshot
+from world.terms import Mode
 
 
 class State(IntEnum):

@@ -5,16 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from agents.messages import Table
-from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Cls
+from bus.nodes import short_name
+from world.terms import STATION, TICK_S, UNREACHABLE, Cls
 
 _STAR: Final = r"\*"
 _CLASSES: Final = tuple(cls.name for cls in Cls)
-_NAMES: Final = {STATION: "MS", NOBODY: "-"}
-
-
-def node_name(node: int) -> str:
-    """`MS` for the station, a dash for nobody, else the id."""
-    return _NAMES.get(node) or str(node)
 
 
 def table_markdown(table: Table) -> str:
@@ -30,12 +25,12 @@ def table_markdown(table: Table) -> str:
         table.inv.tolist(), table.cls.tolist(), strict=True,
     )  # fmt: skip
     for dst, next_hop, hop, (x, y), inv, cls in rows:
-        name = _NAMES.get(dst, dst)
-        through = _NAMES.get(next_hop, next_hop)
         hops = "∞" if hop == UNREACHABLE else hop
         kind, mine = ("-", "-") if dst == STATION else (_CLASSES[cls], _STAR if dst == table.msr else "")
         mark = _STAR if inv else ""
-        lines.append(f"| {name} | {through} | {hops} | ({x:.1f}, {y:.1f}) | {mark} | {kind} | {mine} |")
+        lines.append(
+            f"| {short_name(dst)} | {short_name(next_hop)} | {hops} | ({x:.1f}, {y:.1f}) | {mark} | {kind} | {mine} |"
+        )
     return "\n".join(lines)
 
 

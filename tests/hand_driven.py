@@ -10,8 +10,10 @@ import numpy as np
 
 from world.config import WorldConfig
 from world.core import Begin, World
+from world.feed import Event, Signal, Snapshot
 from world.grid import GridGeometry
-from world.messages import Cls, Event, Motion, Report, Signal, Snapshot, Status, Stop
+from world.messages import Motion, Report, Status, Stop
+from world.terms import Cls
 
 GEOMETRY = GridGeometry(40, 40, 0.5)
 ROOM = np.zeros((40, 40), np.bool_)

@@ -11,7 +11,7 @@ from agents.dsdv import Router
 from agents.messages import Update
 from medium.messages import Reception
 from world.grid import GridGeometry
-from world.messages import NOBODY, STATION, Cls
+from world.terms import NOBODY, STATION, Cls
 
 RADIUS_M = 10.0
 

@@ -27,14 +27,15 @@ import medium.process
 import monitor_station.process
 import world.process
 from bus.access import users_of
-from bus.lockstep import unbatch
+from bus.keys import Keys
 from bus.session import Login, Mailbox, Session, credentials, free_endpoint
 from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox
 from world.config import Lidar, WorldConfig
 from world.core import World
+from world.feed import Event, Signal, Snapshot, unpack_feed
 from world.grid import UNKNOWN, GridGeometry
-from world.messages import Event, Motion, Report, Sense, Signal, Snapshot, Status, Stop
+from world.messages import Motion, Report, Sense, Status, Stop
 
 # Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
@@ -234,15 +235,15 @@ class SmallRun:
 
     def _take(self, key: str, data: bytes | None) -> None:
         assert data is not None
-        chunks = key.split("/")
-        if chunks[-2] == "final":
-            self.finals[chunks[-1]] = msgpack.unpackb(data)
-        elif chunks[-1] == "event":
+        kind, process = Keys.kind_of(key)
+        if kind == "final":
+            self.finals[process] = msgpack.unpackb(data)
+        elif kind == "event":
             self.events.append(Event.decode(data))
-        elif chunks[-1] == "signal":
+        elif kind == "signal":
             self.signals.append(Signal.decode(data))
         else:
-            self.snapshots += [Snapshot.decode(snapshot) for snapshot in unbatch(data)]
+            self.snapshots += unpack_feed(data)
 
 
 @contextlib.contextmanager

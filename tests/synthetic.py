@@ -14,8 +14,9 @@ from agents.messages import Table
 from monitor_station.config import RecorderConfig, SearchCell
 from monitor_station.recorder import Recorder
 from monitor_station.view import StationView
+from world.feed import Event, Snapshot
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Mode, Snapshot
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls, Mode
 
 STATION_M = (28.0, 35.0)
 RANGE_M = 20.0

@@ -16,7 +16,8 @@ from bus.codec import pack
 from deploy.scenario import load
 from medium.messages import Inbox
 from monitor_station.core import Station
-from world.messages import NOBODY, STATION, Sense
+from world.messages import Sense
+from world.terms import NOBODY, STATION
 
 LAST_TICK = 40
 

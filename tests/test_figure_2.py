@@ -17,7 +17,7 @@ from agents.forwarding_table import freshness_of
 from agents.messages import Update
 from agents.srrc import Classifier, eligible_msrs, farthest_msr
 from tests.routing_field import power_dbm, router_config
-from world.messages import NOBODY, Cls
+from world.terms import NOBODY, Cls
 
 MS, A, B, C, D, E, F, G, H, I = range(10)  # noqa: E741 - the paper's own letters
 LOCATION = {

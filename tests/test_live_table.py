@@ -11,7 +11,8 @@ from rich.console import Console
 
 from deploy.ctl import question
 from deploy.live_table import LiveTable, PlainLines, state_of
-from world.messages import NOBODY, UNREACHABLE, Cls, Event, Mode, Snapshot
+from world.feed import Event, Snapshot
+from world.terms import NOBODY, UNREACHABLE, Cls, Mode
 
 HERE = {"robot/1": 101, "robot/2": 102, "robot/3": 103}
 

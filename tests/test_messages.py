@@ -17,7 +17,8 @@ from agents.messages import MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
 from bus.envelopes import Answer, Moves, Opening, Turn
 from medium.messages import Inbox, Transmission
-from world.messages import Departed, Event, Jam, Motion, Positions, Report, Sense, Snapshot, Status, Stop
+from world.feed import Event, Snapshot
+from world.messages import Departed, Jam, Motion, Positions, Report, Sense, Status, Stop
 
 coordinate = st.floats(-1e6, 1e6)
 tick = st.integers(0, 2**31 - 1)

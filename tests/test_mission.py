@@ -18,7 +18,7 @@ from deploy.simulation import Observer, Result, Simulation
 from monitor_station.recorder import Recorder
 from monitor_station.tiles import MapTiles
 from tests.test_recorder import read
-from world.messages import STATION
+from world.terms import STATION
 
 CORRIDOR = Path(__file__).parent / "scenarios" / "corridor.toml"
 

@@ -27,8 +27,9 @@ from monitor_station.recorder import Recorder
 from monitor_station.states import State, SteadyStates
 from monitor_station.table_text import table_markdown
 from monitor_station.tiles import MapTiles
+from world.feed import Event, Snapshot
 from world.grid import FREE, GridGeometry
-from world.messages import NOBODY, STATION, Cls, Event, Mode, Snapshot
+from world.terms import NOBODY, STATION, Cls, Mode
 
 TICKS = 1_000
 KILL_TICK = 600

@@ -23,7 +23,7 @@ import sys, time
 from pathlib import Path
 from synthetic import Mission
 from monitor_station.recorder import Recorder
-from world.messages import Event
+from world.feed import Event
 mission = Mission(9)
 recorder = Recorder(mission.config, Path(sys.argv[1]))
 moments = list(mission.moments(700))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from world.config import Fault
-from world.messages import NOBODY, UNREACHABLE, Snapshot
+from world.feed import Snapshot
 from world.recovery import Recoveries
+from world.terms import NOBODY, UNREACHABLE
 
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
 STATION_M = (0.0, 0.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from agents.dsdv import Router
 from agents.messages import Update
 from tests.routing_field import Field, power_dbm, router_config
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
 SETTLED_TICKS = 45
 """Time-out, probing, and as many ticks as a change needs to cross the network and back."""

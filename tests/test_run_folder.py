@@ -14,7 +14,8 @@ import pytest
 from deploy.operator_file import OPERATOR, living_launcher
 from deploy.run_folder import RunFolder
 from deploy.scenario import load
-from world.messages import UNREACHABLE, Event, Snapshot
+from world.feed import Event, Snapshot
+from world.terms import UNREACHABLE
 
 
 @dataclass(frozen=True)

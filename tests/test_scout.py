@@ -16,7 +16,7 @@ from agents.vds import STILL
 from deploy.scenario import load
 from tests.routing_field import power_dbm
 from world.grid import FREE, OCCUPIED
-from world.messages import STATION, TICK_S, Cls, Mode
+from world.terms import STATION, TICK_S, Cls, Mode
 
 TRACE_M_S = 2.0 / 3.6
 CORNER = (19.0, 1.0)

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from tests.hand_driven import Run, config
 from world.config import Fault, Lidar
 from world.core import World
+from world.feed import SIGNALS, Signal
 from world.geometry import walls_crossed
 from world.grid import GridGeometry
-from world.messages import NOBODY, SIGNALS, UNREACHABLE, Cls, Report, Sense, Signal, Status
+from world.messages import Report, Sense, Status
 from world.motion import move
+from world.terms import NOBODY, UNREACHABLE, Cls
 
 # Movement
 

@@ -11,7 +11,9 @@ from tests.hand_driven import Run, chain, config
 from world.config import Fault, Lidar
 from world.core import Told
 from world.faults import check_fault, describe, fault_form, parse_fault, resolve
-from world.messages import NOBODY, UNREACHABLE, Cls, Report, Signal, Snapshot, Status
+from world.feed import Signal, Snapshot
+from world.messages import Report, Status
+from world.terms import NOBODY, UNREACHABLE, Cls
 
 # Departures that nobody scheduled
 

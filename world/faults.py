@@ -9,9 +9,11 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from world.config import Fault, Verb
-from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Cls, Jam, Snapshot
+from world.feed import Snapshot
+from world.messages import Jam
+from world.terms import NOBODY, STATION, TICK_S, UNREACHABLE, Cls, tick_of
 
-__all__ = ["chain_to_station", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve", "tick_of"]
+__all__ = ["chain_to_station", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve"]
 
 VERBS: Final = get_args(Verb)
 
@@ -20,11 +22,6 @@ FORM: Final = "VERB:TARGET@T or VERB:TARGET@T+D, such as kill:relay:mid@90 or pa
 
 _NUMBER: Final = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?"
 _TIMES: Final = re.compile(rf"({_NUMBER})(?:\+({_NUMBER}))?")
-
-
-def tick_of(at_s: float) -> int:
-    """The tick at which simulated time `at_s` falls."""
-    return round(at_s / TICK_S)
 
 
 def parse_fault(text: str) -> Fault:

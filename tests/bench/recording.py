@@ -12,7 +12,7 @@ from typing import Any
 from monitor_station.recorder import Recorder
 from tests.bench.row import Row
 from tests.synthetic import Mission, feed
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["paired", "recorder_cost"]
 
