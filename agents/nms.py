@@ -39,7 +39,7 @@ class MsRoute:
         self.predicted_m: Callable[[int], float] | None = None
         """How far away a neighbor will seem, by the walls in between on the own map."""
         self.leaving: Callable[[int], bool] | None = None
-        """Set while the robot is about to leave the reach of its NMS: whether a neighbor is near where it wants to be."""
+        """Set while the robot is about to leave the reach of its NMS: whether a neighbor is near its next position."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
