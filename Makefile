@@ -45,10 +45,10 @@ bench-compiled: compiled
 	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m tests.bench $(ARGS)
 
 acceptance: setup
-	$(BIN)/python tests/acceptance.py $(ARGS) | tee docs/acceptance.md
+	$(BIN)/python -m tests.acceptance $(ARGS) | tee docs/acceptance.md
 
 chaos: setup
-	$(BIN)/python tests/chaos.py $(ARGS)
+	$(BIN)/python -m tests.chaos $(ARGS)
 
 study: setup
 	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)

@@ -11,7 +11,7 @@ from setuptools import Extension, setup
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from bus.built import digest
+from bus.built import LOOPS, digest
 from deploy.build_backend import prepare
 
 LEFT_TO_PYTHON = (
@@ -27,23 +27,22 @@ def loops() -> list[Extension]:
     from Cython.Build import cythonize
 
     # What Cython adds to each file is built once.
-    extensions = [Extension("bus._cython", [], extra_compile_args=["-O2", "-g0"])]
-    for source in sorted(Path().glob("[abmw]*/_*.pyx")):
-        name = ".".join(source.with_suffix("").parts)
-        extensions.append(
-            Extension(
-                name,
-                [str(source)],
-                define_macros=[("VDS_SOURCE", digest(name))],
-                extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],
-            )
+    shared = Extension("bus._cython", [], extra_compile_args=["-O2", "-g0"])
+    own = [
+        Extension(
+            name,
+            [f"{name.replace('.', '/')}.pyx"],
+            define_macros=[("VDS_SOURCE", digest(name))],
+            extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],
         )
+        for name in LOOPS
+    ]
     directives = {"boundscheck": CHECKED, "initializedcheck": CHECKED, "wraparound": False, "cdivision": True}
     return cythonize(
-        extensions,
+        [shared, *own],
         build_dir="build/cython",
         compiler_directives=directives,
-        shared_utility_qualified_name="bus._cython",
+        shared_utility_qualified_name=shared.name,
         quiet=True,
         force=True,
     )
@@ -53,9 +52,9 @@ def cores() -> list[Extension]:
     """The modules that a tick runs through, from their own Python."""
     from mypyc.build import mypycify
 
-    names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
+    names = [path for package in ("agents", "world", "medium") for path in Path(package).rglob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
-    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
+    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "recording/states")]
     bus = [
         f"bus/{name}.py"
         for name in ("codec", "envelopes", "lockstep", "mailbox", "malformed", "member", "nodes", "phases")

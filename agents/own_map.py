@@ -93,7 +93,7 @@ class OwnMap:
             self.version += 1
 
     def changes(self, since: int) -> tuple[NDArray[np.int64], int]:
-        """Cells that changed since a mark (0 at first), in any order, some perhaps twice; and the mark to ask with then."""
+        """Cells that changed since a mark (0 at first), in any order, some perhaps twice; and the next mark."""
         new = self._changed[since:]
         return np.concatenate(new) if new else _NONE, len(self._changed)
 

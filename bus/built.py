@@ -7,12 +7,22 @@ installed package has no source beside the extension, and nothing that could dif
 from __future__ import annotations
 
 import hashlib
+import importlib
 from pathlib import Path
 from typing import Final
 
-__all__ = ["ROOT", "StaleLoopsError", "check", "digest"]
+__all__ = ["LOOPS", "ROOT", "StaleLoopsError", "check", "complaint", "digest"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+LOOPS: Final = (
+    "agents._cells",
+    "agents._rows",
+    "agents._search",
+    "medium._receptions",
+    "world._lidar",
+    "world._lines",
+)
+"""All files of compiled loops."""
 
 
 class StaleLoopsError(ImportError):
@@ -35,3 +45,15 @@ def check(name: str, built_from: str) -> None:
     """
     if digest(name) not in ("", built_from):
         raise StaleLoopsError(f"{name} is out of date: run `make setup` in {ROOT}")
+
+
+def complaint() -> str:
+    """What is wrong with the compiled loops, in one line; empty if all are there and up to date."""
+    for name in LOOPS:
+        try:
+            importlib.import_module(name)
+        except StaleLoopsError as error:
+            return str(error)
+        except ImportError:
+            return f"{name} is not compiled: run `make setup` in {ROOT}"
+    return ""

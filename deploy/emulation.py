@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
-from deploy.operator_file import read_operator
+from deploy.processes.operator_file import read_operator
 from deploy.scenario import load
 from world.faults import parse_fault
 from world.feed import Event, Snapshot, unpack_feed

@@ -28,7 +28,7 @@ from world.messages import Sense
 from world.terms import STATION, Cls
 
 if TYPE_CHECKING:
-    from monitor_station.recorder import Recorder
+    from monitor_station.recording.recorder import Recorder
     from monitor_station.view import StationView
 
 __all__ = ["JOURNAL", "MAP", "RECORDING", "run"]
@@ -157,7 +157,7 @@ class Screen:
 
     def __init__(self, login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> None:
         # Only a station that records needs Rerun.
-        from monitor_station.recorder import Recorder
+        from monitor_station.recording.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._mailbox = Mailbox()

@@ -17,7 +17,7 @@ from zenoh.handlers import Callback
 
 from bus.nodes import process_name
 from bus.session import free_endpoint
-from deploy.supervisor import Supervisor
+from deploy.processes.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start"]

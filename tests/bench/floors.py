@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from bus.nodes import process_name
-from deploy.node_processes import PRELOAD
-from deploy.processors import places, shared
-from deploy.supervisor import Supervisor
+from deploy.processes.entry import PRELOAD
+from deploy.processes.processors import places, shared
+from deploy.processes.supervisor import Supervisor
 from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
 from tests.bench.pattern import Pattern

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 import deploy
-from deploy.collector import collect_rarely
+from deploy.processes.collector import collect_rarely
 from deploy.scenario import load
 from deploy.simulation import Observer, Simulation
 from tests.bench.meter import Meter

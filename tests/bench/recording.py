@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor_station.recorder import Recorder
+from monitor_station.recording.recorder import Recorder
 from tests.bench.row import Row
-from tests.synthetic import Mission, feed
+from tests.helpers.synthetic import Mission, feed
 from world.terms import TICK_S
 
 __all__ = ["paired", "recorder_cost"]

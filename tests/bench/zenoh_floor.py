@@ -12,7 +12,7 @@ from bus.access import Login, credentials, users_of
 from bus.member import Member
 from bus.nodes import process_name, user_name
 from bus.session import Session, local_endpoint
-from deploy.supervisor import Supervisor
+from deploy.processes.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
