@@ -45,7 +45,7 @@ def refuse(script: str, problem: object) -> int:
 
 
 def require(script: Path, also: Sequence[str] = ()) -> None:
-    """Return if this Python has what the project needs; else go on in the project's Python, or exit with status 2.
+    """Return if all that the project needs is there; else go on in the project's Python, or exit with status 2.
 
     Args:
         script: the command that is running.
@@ -53,6 +53,11 @@ def require(script: Path, also: Sequence[str] = ()) -> None:
     """
     missing = [name for name in (*NEEDED, *also) if importlib.util.find_spec(name) is None]
     if not missing:
+        from bus.built import complaint
+
+        if complaint():
+            refuse(script.name, complaint())
+            sys.exit(2)
         return
     venv = ROOT / ".venv"
     if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.access import Login
-from world.compiled import kernels
 
 __all__ = ["PRELOAD", "run_medium", "run_robot", "run_station", "run_world"]
 
 PRELOAD: Final = (
     "numpy", "msgpack", "zenoh", "world.process", "medium.process", "agents.process", "monitor_station.process",
-    "deploy.processes.supervisor", "deploy.processes.entry", *(("agents.walkable_graph",) if kernels is None else ()),
+    "deploy.processes.supervisor", "deploy.processes.entry",
 )  # fmt: skip
 """Modules that the fork server imports once for all."""
 
