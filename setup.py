@@ -10,6 +10,9 @@ LEFT_TO_PYTHON = (
     "compiled.py",
     "config.py",  # pydantic reads these classes
     "floor_plan.py",
+    "map_file.py",
+    "map_header.py",
+    "user_file.py",
 )
 
 

@@ -24,7 +24,7 @@ from medium.config import MediumConfig, Radio
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, fault_form, parse_fault
-from world.floor_plan import digest_of_map
+from world.map_file import digest_of_map
 from world.messages import STATION
 
 __all__ = ["Scenario", "ScenarioError", "load", "names", "parse_set"]

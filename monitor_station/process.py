@@ -22,7 +22,7 @@ from bus.session import Login, Mailbox, Message, Session
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
-from world.floor_plan import save_map
+from world.map_file import save_map
 from world.messages import STATION, Cls, Event, Sense, Snapshot
 
 if TYPE_CHECKING:
