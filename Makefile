@@ -10,10 +10,10 @@ STAMP := $(VENV)/.installed
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py $(wildcard */_*.pyx) bus/built.pxi
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
 	touch $@
 
 run: setup
@@ -45,10 +45,10 @@ bench-compiled: compiled
 	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m tests.bench $(ARGS)
 
 acceptance: setup
-	$(BIN)/python tests/acceptance.py $(ARGS) | tee docs/acceptance.md
+	$(BIN)/python -m tests.acceptance $(ARGS) | tee docs/acceptance.md
 
 chaos: setup
-	$(BIN)/python tests/chaos.py $(ARGS)
+	$(BIN)/python -m tests.chaos $(ARGS)
 
 study: setup
 	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)

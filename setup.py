@@ -1,43 +1,72 @@
-"""Nothing is compiled by default. VDS_COMPILED=all compiles the cores (`make compiled`), =kernels some loops only."""
+"""Builds the compiled loops (every `_NAME.pyx`), and with VDS_COMPILED=all the cores by mypyc as well.
+
+VDS_CHECKED=1 builds loops that check every index, for the tests.
+"""
 
 import os
+import sys
 from pathlib import Path
 
 from setuptools import Extension, setup
 
+sys.path.insert(0, str(Path(__file__).parent))
+
+from bus.built import LOOPS, digest
+from deploy.build_backend import prepare
+
 LEFT_TO_PYTHON = (
     "__",  # a package's own module, and its command line
-    "compiled.py",
     "config.py",  # pydantic reads these classes
     "floor_plan.py",
     "map_file.py",
     "map_header.py",
     "user_file.py",
 )
+CHECKED = os.environ.get("VDS_CHECKED") == "1"
 
 
-def modules() -> list[str]:
-    """The modules that a tick runs through."""
-    names = [*Path("agents").glob("*.py"), *Path("world").glob("*.py"), *Path("medium").glob("*.py")]
-    paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
-    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "states")]
-    bus = [f"bus/{name}.py" for name in ("codec", "envelopes", "lockstep", "mailbox", "member", "phases")]
-    return sorted([*paths, *station, *bus, "deploy/simulation.py"])
-
-
-def extensions(what: str) -> list[Extension]:
-    if not what:
-        return []
+def loops() -> list[Extension]:
+    """The hot loops. They are never fused and know no processor of their own, so all give the same doubles."""
     from Cython.Build import cythonize
 
-    # Never fused, so that the same doubles come out as of numpy.
-    loops = Extension("world._kernels", ["world/_kernels.pyx"], extra_compile_args=["-O3", "-ffp-contract=off"])
-    found = cythonize([loops], build_dir="build/cython", quiet=True)
-    if what == "all":
-        from mypyc.build import mypycify
+    # What Cython adds to each file is built once.
+    shared = Extension("bus._cython", [], extra_compile_args=["-O2", "-g0"])
+    own = [
+        Extension(
+            name,
+            [f"{name.replace('.', '/')}.pyx"],
+            define_macros=[("VDS_SOURCE", digest(name))],
+            extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],
+        )
+        for name in LOOPS
+    ]
+    directives = {"boundscheck": CHECKED, "initializedcheck": CHECKED, "wraparound": False, "cdivision": True}
+    return cythonize(
+        [shared, *own],
+        build_dir="build/cython",
+        compiler_directives=directives,
+        shared_utility_qualified_name=shared.name,
+        quiet=True,
+        force=True,
+    )
 
-        found += mypycify(modules(), opt_level="3", debug_level="0")
-    return found
+
+def cores() -> list[Extension]:
+    """The modules that a tick runs through, from their own Python."""
+    from mypyc.build import mypycify
+
+    names = [path for package in ("agents", "world", "medium") for path in Path(package).rglob("*.py")]
+    paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
+    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "recording/states")]
+    bus = [
+        f"bus/{name}.py"
+        for name in ("codec", "envelopes", "lockstep", "mailbox", "malformed", "member", "nodes", "phases")
+    ]
+    return mypycify(sorted([*paths, *station, *bus, "deploy/simulation.py"]), opt_level="3", debug_level="0")
 
 
-setup(ext_modules=extensions(os.environ.get("VDS_COMPILED", "")))
+prepare()
+setup(
+    ext_modules=loops() + (cores() if os.environ.get("VDS_COMPILED") == "all" else []),
+    options={"build_ext": {"parallel": os.cpu_count()}},
+)

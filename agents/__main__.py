@@ -9,6 +9,7 @@ from setproctitle import setproctitle
 from agents.config import RobotConfig
 from agents.process import run
 from bus.command_line import parse, parser
+from bus.nodes import node_name, process_name, user_name
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -19,9 +20,9 @@ def main(arguments: list[str] | None = None) -> None:
     config: RobotConfig = handover.entries["config"]
     if options.id is not None:
         config = dataclasses.replace(config, node=options.id)
-    if handover.login.user != f"robot-{config.node}":
-        made.exit(2, f"{made.prog}: the file's login is {handover.login.user}'s, not robot {config.node}'s\n")
-    setproctitle(f"vds robot/{config.node} {handover.login.run}")
+    if handover.login.user != user_name(config.node):
+        made.exit(2, f"{made.prog}: the file's login is {handover.login.user}'s, not {node_name(config.node)}'s\n")
+    setproctitle(f"vds {process_name(config.node)} {handover.login.run}")
     run(config, handover.login)
 
 

@@ -18,7 +18,7 @@ from agents.neighbors import Neighbors
 from agents.nms import MsRoute
 from bus.codec import WireError
 from medium.messages import Reception
-from world.messages import NOBODY, STATION, Cls
+from world.terms import NOBODY, STATION, Cls
 
 
 class Router:

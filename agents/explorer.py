@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from agents.config import Exploring
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 Place = tuple[float, float]
 

@@ -19,9 +19,9 @@ import struct
 from array import array
 from typing import Final
 
+from agents import _rows
 from bus.codec import WireError
-from world.compiled import kernels
-from world.messages import MAX_NODE, NOBODY, STATION, UNREACHABLE
+from world.terms import MAX_NODE, NOBODY, STATION, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
 """A row on the air: dst, freshness, inherent elements."""
@@ -37,8 +37,7 @@ _PER_METRE: Final = 100_000.0
 _MOST_FRESH: Final = 1 << 62
 """No destination gets that far; and a broken entry still counts one on."""
 _BAD_ROW: Final = -2
-"""What the compiled merge returns for a row that can't be."""
-_BAD_ROW_WORDS: Final = "number and metric disagree (odd means infinite), or there is no such node or number"
+"""What the loop returns for a row that can't be."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -97,7 +96,7 @@ class ForwardingTable:
         return x / _PER_METRE, y / _PER_METRE
 
     def cls(self, dst: int) -> int:
-        """Class of a known destination (world.messages.Cls)."""
+        """Class of a known destination (world.terms.Cls)."""
         return self._inherent[dst * _INHERENT_BYTES] & _CLS_BIT
 
     def needs(self, dst: int) -> bool:
@@ -111,15 +110,7 @@ class ForwardingTable:
 
     def search_robots(self) -> list[int]:
         """Other SRs to which there is a route, ascending (paper, II-A.3: the SRs in the network)."""
-        if kernels is not None:
-            found: list[int] = kernels.search_robots(self._next_hop, self._inherent, self.node)
-            return found
-        classes = self._inherent[::_INHERENT_BYTES]
-        return [
-            dst
-            for dst, hop in enumerate(self._next_hop)
-            if hop != NOBODY and dst != self.node and not classes[dst] & _CLS_BIT
-        ]
+        return _rows.search_robots(self._next_hop, self._inherent, self.node)
 
     def set_route(self, dst: int, freshness: int, next_hop: int) -> None:
         """Write the DSDV elements of one entry; the caller answers for the order of freshness."""
@@ -135,9 +126,6 @@ class ForwardingTable:
         """Write the SRRC elements of one entry."""
         self._make_room(dst)
         flags = cls | _NEED_BIT * need
-        if kernels is not None:
-            kernels.set_inherent(self._inherent, dst, flags, *at_m, *target_m, _PER_METRE)
-            return
         places = [round(_PER_METRE * value) for value in (*at_m, *target_m)]
         _INHERENT.pack_into(self._inherent, dst * _INHERENT_BYTES, flags, *places)
 
@@ -166,34 +154,14 @@ class ForwardingTable:
             WireError: not a run of ROW, a row that can't be, or the sender never said where it is; what came before it
                 is merged.
         """
-        about_sticky = -1
         if len(rows) % ROW.size:
             raise WireError("not a run of rows")
-        if kernels is not None:
-            about_sticky = kernels.merge(
-                rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
-                MAX_NODE, _MOST_FRESH, self._make_room,
-            )  # fmt: skip
-            if about_sticky == _BAD_ROW:
-                raise WireError(_BAD_ROW_WORDS)
-        else:
-            for dst, freshness, inherent in ROW.iter_unpack(rows):
-                if dst == sticky:
-                    if not _possible(freshness):
-                        raise WireError(_BAD_ROW_WORDS)
-                    about_sticky = freshness
-                    continue
-                # One hop more than the neighbor's own; an infinite metric stays what it is.
-                offered = freshness - 1 if freshness & 255 else freshness
-                present = self.freshness(dst)
-                if offered < present or dst == self.node:
-                    continue
-                if offered == present and (dst >= len(before) or before[dst] != sender):
-                    continue
-                if not _possible(offered) or dst > MAX_NODE:
-                    raise WireError(_BAD_ROW_WORDS)
-                self.set_route(dst, offered, sender)
-                self._inherent[dst * _INHERENT_BYTES : (dst + 1) * _INHERENT_BYTES] = inherent
+        about_sticky = _rows.merge(
+            rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
+            MAX_NODE, _MOST_FRESH, self._make_room,
+        )  # fmt: skip
+        if about_sticky == _BAD_ROW:
+            raise WireError("number and metric disagree (odd means infinite), or there is no such node or number")
         if sender != STATION and self.freshness(sender) < 0:  # where the MS is, everybody knows
             raise WireError("a table lacks its sender's own row")
         return about_sticky
@@ -207,11 +175,7 @@ class ForwardingTable:
 
     def advertised(self) -> bytes:
         """Encode the whole table as a run of ROW, in the order in which destinations became known."""
-        if kernels is not None:
-            rows: bytes = kernels.advertised(self.known, self._freshness, self._inherent)
-            return rows
-        size, inherent, freshness = _INHERENT_BYTES, self._inherent, self._freshness
-        return b"".join([ROW.pack(dst, freshness[dst], inherent[dst * size : (dst + 1) * size]) for dst in self.known])
+        return _rows.advertised(self.known, self._freshness, self._inherent)
 
     def check_invariants(self) -> None:
         """Raise AssertionError if the columns contradict one another."""

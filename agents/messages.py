@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.codec import WireError, column, integer, pack, unpack
-from world.messages import MAX_NODE, MAX_TICK, NOBODY, sightings
+from world.messages import sightings
+from world.terms import MAX_NODE, MAX_TICK, NOBODY
 
 ACK: Final = struct.Struct("<HHI")
 """Robot, incarnation, number: the highest scan report of a robot's incarnation that the MS has without a gap."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from agents.config import RobotConfig
 from agents.forwarding_table import hop_of
-from world.messages import NOBODY, TICK_S
+from world.terms import NOBODY, TICK_S
 
 
 @dataclass(slots=True)

@@ -8,8 +8,7 @@ refreshed by the present NMS only, and changed only so:
                           passes the frozen one. A descendant's number never can, so no loop arises.
     c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop
 
-A policy may say that a link is weaker than its power (`predicted_m`), weak later (`reach_m`), or as good as weak,
-because the robot is about to walk out of it (`leaving`).
+How good a link is, `links` says: by received power, or as a policy knows better (link_quality.py).
 
 Each change raises the entry's freshness (agents/forwarding_table.py), which is the whole proof of freedom from loops.
 """
@@ -17,12 +16,12 @@ Each change raises the entry's freshness (agents/forwarding_table.py), which is 
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable
+from agents.link_quality import LinkQuality
 from agents.neighbors import Neighbor, Neighbors
-from world.messages import NOBODY, STATION, UNREACHABLE
+from world.terms import NOBODY, STATION, UNREACHABLE
 
 
 class MsRoute:
@@ -33,12 +32,8 @@ class MsRoute:
         self._table = table
         self._neighbors = neighbors
         self.r_in_m = self._rules.r_in_share * config.radius_m
-        self.reach_m = self.r_in_m
-        """d_in beyond which the link to the NMS is weak: r_in, unless a policy stretches it."""
-        self.predicted_m: Callable[[int], float] | None = None
-        """How far a neighbor will seem with the walls in between that the own map knows."""
-        self.leaving: Callable[[int], bool] | None = None
-        """Whether a neighbor stays near where the robot wants to go, which its NMS does not; None: it does."""
+        self.links = LinkQuality(neighbors, self.r_in_m)
+        """How good the links are; a policy may put its own here, before its first step."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
@@ -65,7 +60,7 @@ class MsRoute:
                 self._refresh(tick)
             if self.nms == NOBODY:
                 self._adopt(self._any_route(tick))
-            elif self.leaving is not None or self.weak(tick):
+            elif self.links.leaving() or self.weak(tick):
                 self._probe(tick, rng)
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
@@ -73,10 +68,8 @@ class MsRoute:
             self.acks = self._neighbors.by_id[self.nms].acks
 
     def weak(self, tick: int) -> bool:
-        """d_in > r_in; silence is distance (rule A)."""
-        if self._neighbors.distance_m(self.nms, tick) > self.reach_m:
-            return True
-        return self.predicted_m is not None and self.predicted_m(self.nms) > self.reach_m
+        """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS."""
+        return self.links.weak(self.nms, tick)
 
     def _refresh(self, tick: int) -> None:
         """Follow the NMS's own entry; while frozen, only when it says that the route is lost."""
@@ -128,7 +121,7 @@ class MsRoute:
 
     def _lasting(self, offers: list[Neighbor]) -> list[Neighbor]:
         """Those that stay near where the robot wants to go. What rule b left must not come back by rule c at once."""
-        return offers if self.leaving is None else [n for n in offers if self.leaving(n.node)]
+        return [n for n in offers if self.links.lasting(n.node)]
 
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
@@ -140,7 +133,9 @@ class MsRoute:
             return None  # as mostly
         seqno = self._seqno
         near = self._lasting(self._offers(tick, self._shortcut_m))
-        offers = [n for n in near if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
-        if self.predicted_m is not None:
-            offers = [n for n in offers if self.predicted_m(n.node) <= self._shortcut_m]
+        offers = [
+            n
+            for n in near
+            if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops and self.links.within(n.node, self._shortcut_m)
+        ]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

@@ -6,17 +6,13 @@ A step leads to one of eight neighbors; a diagonal one needs both cells that it 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import _cells, _search
 from agents.own_map import OwnMap
-from world.compiled import kernels
 from world.grid import FREE, GridGeometry
-
-if TYPE_CHECKING:
-    from agents.walkable_graph import WalkableGraph
 
 
 class Reach:
@@ -46,16 +42,9 @@ class Reach:
     def length_near_m(self, x_m: float, y_m: float) -> float:
         """Path length to the reached cell whose center is nearest to a place, and from there straight."""
         g = self._geometry
-        if kernels is not None:
-            length_m: float = kernels.length_near(
-                self._lengths_m, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m)
-            )
-            return length_m
-        cells = self.reached()
-        centers = g.centers(cells)
-        gaps = np.hypot(centers[:, 0] - x_m, centers[:, 1] - y_m)
-        nearest = int(np.argmin(gaps))
-        return float(self._lengths_m[cells[nearest]] + gaps[nearest])
+        return _search.length_near(
+            self._lengths_m, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m)
+        )
 
     def path(self, cell: int) -> list[int]:
         """The cells from the source (left out) to a reachable cell.
@@ -63,34 +52,8 @@ class Reach:
         Raises:
             ValueError: no path leads there.
         """
-        g, lengths = self._geometry, self._lengths_m
-        if kernels is not None:
-            steps: list[int] = kernels.path(lengths, g.rows, g.cols, g.resolution_m, cell)
-            return steps
-        path = []
-        while lengths[cell] > 0.0:
-            path.append(cell)
-            cell = self._before(cell)
-        return path[::-1]
-
-    def _before(self, cell: int) -> int:
-        """The cell from which the shortest path comes to `cell`."""
-        g, lengths = self._geometry, self._lengths_m
-        row, col = divmod(cell, g.cols)
-        best = cell
-        for r in range(max(row - 1, 0), min(row + 2, g.rows)):
-            for c in range(max(col - 1, 0), min(col + 2, g.cols)):
-                step_m = g.resolution_m
-                if r != row and c != col:
-                    if math.isinf(lengths[row * g.cols + c]) or math.isinf(lengths[r * g.cols + col]):
-                        continue
-                    step_m *= math.sqrt(2.0)
-                other = r * g.cols + c
-                if lengths[other] + step_m == lengths[cell] and lengths[other] < lengths[best]:
-                    best = other
-        if best == cell:
-            raise ValueError("no path leads there")
-        return best
+        g = self._geometry
+        return _search.path(self._lengths_m, g.rows, g.cols, g.resolution_m, cell)
 
 
 class Planner:
@@ -98,15 +61,9 @@ class Planner:
 
     def __init__(self, own_map: OwnMap) -> None:
         self._map = own_map
-        self._graph: WalkableGraph | None = None
-        if kernels is None:
-            # SciPy takes a quarter of a second to import: only for those who search with it.
-            from agents.walkable_graph import WalkableGraph
-
-            self._graph = WalkableGraph(own_map)
         self._known = np.zeros(own_map.geometry.size, np.uint8)
         self._discovered: list[NDArray[np.int64]] = []
-        """Cells in the order in which they became known as free; where there is a graph, they are its nodes."""
+        """Cells in the order in which they became known as free."""
         self._seen = 0
         """Changes of the map that are in there."""
 
@@ -118,11 +75,8 @@ class Planner:
         self._discover()
         if self._map.cells[cell] == FREE:
             return cell
-        if self._graph is not None:
-            discovered = self._graph.cells
-        else:
-            discovered = np.concatenate(self._discovered)
-            self._discovered = [discovered]
+        discovered = np.concatenate(self._discovered)
+        self._discovered = [discovered]
         free = discovered[self._map.cells[discovered] == FREE]
         cols = self._map.geometry.cols
         row, col = divmod(cell, cols)
@@ -139,14 +93,10 @@ class Planner:
         return reach.path(cell) if reach.length_m(cell) < math.inf else []
 
     def _discover(self) -> None:
-        if self._graph is not None:
-            self._graph.update()
-            return
-        assert kernels is not None
         changed, self._seen = self._map.changes(self._seen)
         if not changed.size:
             return
-        new = kernels.newly_free(changed, self._map.cells, self._known)
+        new = _cells.newly_free(changed, self._map.cells, self._known)
         if new.size:
             new.sort()
             self._discovered.append(new)
@@ -155,7 +105,4 @@ class Planner:
         """Shortest paths; those longer than the one to the cell `until` may be missing or too long."""
         self._discover()
         g = self._map.geometry
-        if self._graph is not None:
-            return Reach(g, self._graph.lengths_m(source, limit_m))
-        assert kernels is not None
-        return Reach(g, kernels.lengths(self._map.cells, g.rows, g.cols, g.resolution_m, source, limit_m, until))
+        return Reach(g, _search.lengths(self._map.cells, g.cols, g.resolution_m, source, limit_m, until))

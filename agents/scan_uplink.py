@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agents.config import Reporting
 from agents.messages import ACK, ScanReport, one_hop_on
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 
 class ScanUplink:

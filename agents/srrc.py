@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from agents.config import Classing
 from agents.forwarding_table import ForwardingTable
-from world.messages import NOBODY, Cls
+from world.terms import NOBODY, Cls
 
 
 def eligible_msrs(table: ForwardingTable, nms: int) -> list[int]:

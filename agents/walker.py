@@ -7,7 +7,7 @@ from typing import Final
 
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 _RENEW_TICKS: Final = 100
 """A path that was only stretched after a moving goal is planned anew after this long."""

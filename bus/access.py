@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from bus.keys import ANY, TABLE, Keys
+from bus.nodes import node_of_user, user_name
 
-__all__ = ["Login", "credentials", "dictionary", "router_config", "rules", "user_name", "users_of"]
+__all__ = ["Login", "credentials", "dictionary", "router_config", "rules", "users_of"]
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,6 @@ class Login:
     user: str
     """world, medium, station, operator, robot-1, robot-2, ..."""
     password: str = field(repr=False)
-
-
-def user_name(node: int) -> str:
-    """User of a node: the station for 0."""
-    return "station" if node == 0 else f"robot-{node}"
 
 
 def credentials(run: str, endpoint: str, robots: int) -> dict[str, Login]:
@@ -94,7 +90,7 @@ _RECEIVES = {
 
 
 def _permits(keys: Keys, user: str) -> Iterable[dict[str, Any]]:
-    node = 0 if user == "station" else int(user.removeprefix("robot-")) if user.startswith("robot-") else None
+    node = node_of_user(user)
     role = "robot" if node else user
     parties = {role, "node"} if node is not None else {role}
     allowed: dict[tuple[str, str], list[str]] = {}

@@ -4,6 +4,12 @@ What everybody sends in every tick has a fixed head instead (`struct.Struct`), a
 column is fixed by the message that holds it, never by the sender. Whatever arrives malformed raises `WireError` here,
 so nothing malformed reaches a core: a bad message of a peer is data, not an exception of ours (ARCHITECTURE.md,
 invariant 5).
+
+**How message classes are written.** What is made in every tick is a `@dataclass(slots=True, init=False)` with a
+constructor written by hand: the one that `dataclass` writes is never compiled by mypyc, and takes 0.15 us where one by
+hand takes 0.02 us. `frozen` would assign through `object.__setattr__` and cost more still, so these classes are not
+frozen; nobody changes a message nevertheless. What is rare (a departure, a signal, the stop, an event, a shown table)
+is a frozen dataclass. Each has `encode()`, and `decode(bytes)`, which raises `WireError`.
 """
 
 from __future__ import annotations

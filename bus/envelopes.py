@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
 
 from bus.codec import WireError, head
 
@@ -33,13 +34,18 @@ _ANSWER: Final = struct.Struct("<II")
 """Tick, length of the transmission."""
 
 
-class Opening(NamedTuple):
+@dataclass(slots=True, init=False)
+class Opening:
     """World -> medium: a tick begins."""
 
     positions: bytes
     """Who takes part, and where they are."""
     senses: Sequence[tuple[int, bytes]]
     """By node, each behind a header that says for which process it is (`bus.lockstep.seal`)."""
+
+    def __init__(self, positions: bytes, senses: Sequence[tuple[int, bytes]]) -> None:
+        self.positions = positions
+        self.senses = senses
 
     def encode(self) -> bytes:
         parts = [_OPENING.pack(len(self.positions), len(self.senses))]
@@ -48,8 +54,8 @@ class Opening(NamedTuple):
         parts += [sense for _, sense in self.senses]
         return b"".join(parts)
 
-    @classmethod
-    def decode(cls, data: bytes) -> Opening:
+    @staticmethod
+    def decode(data: bytes) -> Opening:
         length, count = head(_OPENING, data)
         at = _OPENING.size + _SENSE.size * count
         heads, positions = data[_OPENING.size : at], data[at : at + length]
@@ -62,17 +68,21 @@ class Opening(NamedTuple):
             at += size
         if at != len(data):
             raise WireError("senses have another length than they say")
-        return cls(positions, senses)
+        return Opening(positions, senses)
 
 
+@dataclass(slots=True, init=False)
 class Turn:
     """Medium -> node: it is its turn."""
 
+    sense: bytes
+    """As the world sealed it."""
+    inbox: bytes
+    """Empty if nothing was to be heard: the node takes part for the first time."""
+
     def __init__(self, sense: bytes, inbox: bytes) -> None:
         self.sense = sense
-        """As the world sealed it."""
         self.inbox = inbox
-        """Empty if nothing was to be heard: the node takes part for the first time."""
 
     def encode(self) -> bytes:
         return _TURN.pack(len(self.sense)) + self.sense + self.inbox
@@ -86,8 +96,13 @@ class Turn:
         return Turn(data[_TURN.size : end], data[end:])
 
 
+@dataclass(slots=True, init=False)
 class Answer:
     """Node -> medium: what it says and does in a tick. The parts repeat the tick, and must agree with it."""
+
+    tick: int
+    transmission: bytes
+    motion: bytes
 
     def __init__(self, tick: int, transmission: bytes, motion: bytes) -> None:
         self.tick = tick
@@ -106,15 +121,23 @@ class Answer:
         return Answer(tick, data[_ANSWER.size : end], data[end:])
 
 
-class Moves(NamedTuple):
+@dataclass(slots=True, init=False)
+class Moves:
     """Medium -> world: what nodes answered, in the order in which it came in."""
 
     answers: Sequence[tuple[int, int, int, bytes]]
     """(node, incarnation of the token of its process, tick, motion)"""
-    complete: int = NO_TICK
+    complete: int
     """The tick that these answers complete: the medium waits for nobody any more, and what comes later is too late."""
-    counted: Sequence[int] = ()
+    counted: Sequence[int]
     """Nodes whose transmission counts in that tick: all of the roster unless one departed during it."""
+
+    def __init__(
+        self, answers: Sequence[tuple[int, int, int, bytes]], complete: int = NO_TICK, counted: Sequence[int] = ()
+    ) -> None:
+        self.answers = answers
+        self.complete = complete
+        self.counted = counted
 
     def encode(self) -> bytes:
         parts = [_MOVES.pack(self.complete, len(self.counted), len(self.answers))]
@@ -123,8 +146,8 @@ class Moves(NamedTuple):
         parts += [motion for _, _, _, motion in self.answers]
         return b"".join(parts)
 
-    @classmethod
-    def decode(cls, data: bytes) -> Moves:
+    @staticmethod
+    def decode(data: bytes) -> Moves:
         complete, nodes, count = head(_MOVES, data)
         start = _MOVES.size + _COUNTED.size * nodes
         at = start + _MOVE.size * count
@@ -136,4 +159,4 @@ class Moves(NamedTuple):
             at += size
         if at != len(data):
             raise WireError("motions have another length than they say")
-        return cls(answers, complete, [node for (node,) in _COUNTED.iter_unpack(data[_MOVES.size : start])])
+        return Moves(answers, complete, [node for (node,) in _COUNTED.iter_unpack(data[_MOVES.size : start])])

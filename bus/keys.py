@@ -166,9 +166,20 @@ class Keys:
         return self.alive(token.role, token.node, f"{token.incarnation:08x}")
 
     @staticmethod
+    def kind_of(key: str) -> tuple[str, str]:
+        """(row of TABLE, node or process) of a key under `@sim`; the latter empty where the row has none."""
+        kind, _, rest = key.partition("/@sim/")[2].partition("/")
+        return kind, rest
+
+    @staticmethod
     def node_of(key: str) -> int:
         """The node of a `word`, `table`, `tx` or `rx` key."""
         return int(key.rpartition("/")[2])
+
+    @staticmethod
+    def is_token(key: str) -> bool:
+        """Whether a key is a liveliness token's."""
+        return "/alive/" in key
 
     @staticmethod
     def token_of(key: str) -> Token:

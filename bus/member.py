@@ -15,6 +15,8 @@ from typing import Final, Generic, Protocol, TypeVar
 from bus.codec import WireError
 from bus.envelopes import Answer, Turn
 from bus.lockstep import Kind, seal, unseal
+from bus.malformed import Malformed
+from bus.nodes import node_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
 
@@ -141,8 +143,7 @@ class Member(Generic[S, I]):
         """
         self.session = Session.connect(login)
         self.mailbox = Mailbox()
-        self.dropped = 0
-        """Messages that were malformed."""
+        self.malformed = Malformed()
         self.phases = Phases(time.perf_counter)
         self.over = False
         """Whether the world has said that the run is over."""
@@ -200,7 +201,7 @@ class Member(Generic[S, I]):
             if key == self._word_key and data is not None:
                 return self._told(data)
         except WireError as error:
-            self.drop(key, error)
+            self.malformed.drop(f"message on {key}", error)
             return False
         return self._token_changed(key, data)
 
@@ -223,7 +224,7 @@ class Member(Generic[S, I]):
         """Whether the world says that the run is over."""
         kind, token, _ = unseal(data)
         if kind == Kind.REFUSED and token == self._token.incarnation:
-            raise RefusedError(f"refused: another living process is already {self._token.role} {self._token.node}")
+            raise RefusedError(f"refused: another living process is already {node_name(self._token.node)}")
         self.over = kind == Kind.STOP
         if self.over:
             log.info("the world says that the run is over: this process ends")
@@ -241,12 +242,6 @@ class Member(Generic[S, I]):
             if message == END or (message[0] == self._word_key and message[1] and self._told(message[1])):
                 return True
         raise LostError(f"{lost} is gone")
-
-    def drop(self, what: str, error: WireError) -> None:
-        """Count a malformed message; the first one is logged."""
-        self.dropped += 1
-        if self.dropped == 1:
-            log.warning("dropped a malformed message on %s: %s (further ones are only counted)", what, error)
 
     def answer(self, tick: int, transmission: bytes, motion: bytes) -> None:
         """End the turn."""

@@ -9,9 +9,6 @@ import sys
 from pathlib import Path
 from typing import Final
 
-ROOT: Final = Path(__file__).resolve().parent.parent
-NEEDED: Final = ("msgpack", "numpy", "zenoh")
-
 COMMANDS: Final = """\
 commands:
   status                  tick, speed, roster and progress, as JSON
@@ -30,26 +27,26 @@ NODE is a robot's id, `station`, or a role such as relay:mid.
 
 def main(arguments: list[str] | None = None) -> int:
     """Ask one thing of a run; returns 0, 1 if the run refused, 2 if there is no such run."""
-    parser = argparse.ArgumentParser(
+    from deploy.command import ROOT, Parser, refuse, require
+
+    parser = Parser(
         prog="ctl.py", description=__doc__, epilog=COMMANDS, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--run", type=Path, metavar="DIR", help="run folder (default: the newest run under way)")
     parser.add_argument("command", nargs="+", help="see below")
     options = parser.parse_args(arguments)
 
-    from deploy.own_python import require
-
-    require(Path(__file__), NEEDED)
+    require(Path(__file__))
     from bus.session import BusError, Session
-    from deploy.operator_file import read_operator
+    from deploy.processes.operator_file import read_operator
 
     folder = options.run or newest_run([Path("runs"), ROOT / "runs"])
     if folder is None:
-        return _refuse("no run is under way here: name its folder by --run")
+        return refuse("ctl.py", "no run is under way here: name its folder by --run")
     try:
         login = read_operator(folder)
     except (OSError, ValueError, KeyError) as error:
-        return _refuse(f"no run is under way in {folder}: {error}")
+        return refuse("ctl.py", f"no run is under way in {folder}: {error}")
     try:
         session = Session.connect(login, watching=True, timeout_s=5.0)
         try:
@@ -57,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         finally:
             session.close()
     except BusError as error:
-        return _refuse(f"the run in {folder} does not answer: {error}")
+        return refuse("ctl.py", f"the run in {folder} does not answer: {error}")
     return _show(answer)
 
 
@@ -74,7 +71,7 @@ def question(words: list[str]) -> str:
 
 def newest_run(places: list[Path]) -> Path | None:
     """The run folder of the youngest run that is under way."""
-    from deploy.operator_file import OPERATOR, living_launcher
+    from deploy.processes.operator_file import OPERATOR, living_launcher
 
     found = [file for place in places for file in place.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
     return max(found, key=lambda file: file.stat().st_mtime).parent if found else None
@@ -92,12 +89,6 @@ def _show(answer: str) -> int:
     return 0
 
 
-def _refuse(words: str) -> int:
-    print(f"ctl.py: {words}", file=sys.stderr)
-    return 2
-
-
 if __name__ == "__main__":
-    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    sys.path[0] = str(ROOT)
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
     sys.exit(main())

@@ -17,12 +17,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from bus.lockstep import unbatch
+from bus.keys import Keys
+from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
-from deploy.operator_file import read_operator
+from deploy.processes.operator_file import read_operator
 from deploy.scenario import load
-from world.faults import parse_fault, tick_of
-from world.messages import STATION, TICK_S, Event, Snapshot
+from world.faults import parse_fault
+from world.feed import Event, Snapshot, unpack_feed
+from world.terms import STATION, seconds_of, tick_of
 
 __all__ = ["Emulation", "EmulationError"]
 
@@ -102,7 +104,7 @@ class Emulation:
     def simulated_s(self) -> float:
         """Simulated time of the latest snapshot."""
         latest = self.snapshot
-        return 0.0 if latest is None else round((latest.tick + 1) * TICK_S, 1)
+        return 0.0 if latest is None else seconds_of(latest.tick + 1)
 
     @property
     def pids(self) -> dict[str, int]:
@@ -261,7 +263,7 @@ class Emulation:
             return False
 
     def _signal(self, who: int | str, number: signal.Signals) -> None:
-        name = f"robot/{who}" if isinstance(who, int) and who != STATION else "station" if who == STATION else str(who)
+        name = process_name(who) if isinstance(who, int) else who
         if name not in self.pids:
             raise EmulationError(f"there is no {name} in this run: {', '.join(self.pids)}")
         os.kill(self.pids[name], number)
@@ -272,8 +274,8 @@ class Emulation:
             key, payload = message
             if payload is None:
                 continue
-            if key.endswith("/feed"):
-                self.snapshots += map(Snapshot.decode, unbatch(payload))
+            if Keys.kind_of(key)[0] == "feed":
+                self.snapshots += unpack_feed(payload)
             else:
                 self.events.append(Event.decode(payload))
 

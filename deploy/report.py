@@ -6,25 +6,19 @@ Exit status: 0, or 2 for bad input (one line).
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import TYPE_CHECKING
 
-ROOT: Final = Path(__file__).resolve().parent.parent
-NEEDED: Final = ("annotated_types", "numpy", "PIL", "pydantic", "scipy", "tomli_w", "yaml")
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"report.py: {message} (--help lists the options)\n")
+if TYPE_CHECKING:
+    from deploy.command import Parser
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line."""
-    p = _Parser(prog="report.py", description="Make one HTML file about a run: it opens anywhere and loads nothing.")
+    from deploy.command import Parser
+
+    p = Parser(prog="report.py", description="Make one HTML file about a run: it opens anywhere and loads nothing.")
     p.add_argument("run", nargs="?", type=Path, metavar="RUN_DIR", help="folder of a run that has ended")
     p.add_argument("--compare", nargs=2, type=Path, metavar=("RUN_A", "RUN_B"), help="two runs over each other")
     p.add_argument(
@@ -38,12 +32,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     if (options.run is None) == (options.compare is None):
         parser().error("expected either RUN_DIR or --compare RUN_A RUN_B")
-    from deploy.own_python import require
+    from deploy.command import refuse, require
 
-    require(Path(__file__), NEEDED)
-    from deploy.comparison_page import comparison_page
-    from deploy.report_page import report_page
-    from deploy.run_files import RunFilesError, read_run
+    require(Path(__file__))
+    from deploy.page.comparison_page import comparison_page
+    from deploy.page.run_page import report_page
+    from deploy.run_folder.reader import RunFilesError, read_run
 
     try:
         if options.compare is None:
@@ -54,20 +48,13 @@ def main(arguments: list[str] | None = None) -> int:
         out = options.out or out
         out.write_text(page, encoding="utf-8")
     except RunFilesError as error:
-        print(f"report.py: {_one_line(error)}", file=sys.stderr)
-        return 2
+        return refuse("report.py", error)
     except OSError as error:
-        print(f"report.py: {out}: can't write there: {error.strerror}", file=sys.stderr)
-        return 2
+        return refuse("report.py", f"{out}: can't write there: {error.strerror}")
     print(f"report: {out}")
     return 0
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
 if __name__ == "__main__":
-    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    sys.path[0] = str(ROOT)
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
     sys.exit(main())

@@ -14,36 +14,26 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from deploy.live_table import View
-    from deploy.past_run import Baseline
+    from deploy.command import Parser
+    from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
-
-ROOT: Final = Path(__file__).resolve().parent.parent
-NEEDED: Final = (
-    "annotated_types", "msgpack", "numpy", "PIL", "pydantic", "rerun", "rich", "scipy", "setproctitle", "tomli_w",
-    "yaml", "zenoh",
-)  # fmt: skip
+    from deploy.screen.live_table import View
 
 
 class BadInputError(Exception):
     """Something that was asked for can't be; one line for the user."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"run_local.py: {message} (--help lists the options)\n")
-
-
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line."""
-    p = _Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
+    from deploy.command import Parser
+
+    p = Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
     p.add_argument("--robots", type=int, metavar="N", help="how many robots (default: the scenario's)")
     p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
     p.add_argument("--radius", type=float, metavar="M", help="transmission radius r_t in metres")
@@ -76,9 +66,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.own_python import require
+    from deploy.command import refuse, require
 
-    require(Path(__file__), NEEDED)
+    require(Path(__file__))
     try:
         if options.live and (options.no_recording or options.in_process):
             raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
@@ -87,13 +77,12 @@ def main(arguments: list[str] | None = None) -> int:
         endpoint = None if options.port is None else _endpoint(options.port)
         out = _folder(options.out, scenario.name)
     except BadInputError as error:
-        print(f"run_local.py: {error}", file=sys.stderr)
-        return 2
+        return refuse("run_local.py", error)
     return _run(options, scenario, baseline, endpoint, out)
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
-    from deploy.past_run import faults_of
+    from deploy.run_folder.baseline import faults_of
     from deploy.scenario import load, parse_set
 
     replay: Path | None = options.replay_faults
@@ -118,7 +107,7 @@ def _scenario(options: argparse.Namespace) -> Scenario:
 
 
 def _baseline(folder: Path | None, scenario: Scenario) -> Baseline | None:
-    from deploy.past_run import Baseline
+    from deploy.run_folder.baseline import Baseline
 
     try:
         return None if folder is None else Baseline.of(folder, scenario)
@@ -148,7 +137,7 @@ def _endpoint(port: int) -> str:
 
 def _folder(asked: Path | None, scenario: str) -> Path:
     """Make the run folder, or say why it can't be."""
-    from deploy.operator_file import living_launcher
+    from deploy.processes.operator_file import living_launcher
 
     out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
     try:
@@ -176,7 +165,7 @@ def _run(
 ) -> int:
     from rich.console import Console
 
-    from deploy.run_folder import RunFolder
+    from deploy.run_folder.writer import RunFolder
 
     console = Console(stderr=False, quiet=options.quiet)
     with RunFolder(out, scenario, baseline) as folder:
@@ -184,7 +173,7 @@ def _run(
         pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
         view.line(f"run folder {out}{pids}")
         if options.in_process:
-            from deploy.run_in_process import run_in_process
+            from deploy.in_process import run_in_process
 
             summary, failures = run_in_process(scenario, folder, view, record=not options.no_recording)
         else:
@@ -196,7 +185,7 @@ def _run(
 
 
 def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
-    from deploy.live_table import LiveTable, PlainLines, Silence
+    from deploy.screen.live_table import LiveTable, PlainLines, Silence
 
     if options.quiet:
         return Silence()
@@ -207,8 +196,8 @@ def _run_processes(
     options: argparse.Namespace, scenario: Scenario, endpoint: str | None, folder: Any, view: View
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
-    from deploy.launcher import Launcher
-    from deploy.live_viewer import LiveViewer, has_display
+    from deploy.processes.launcher import Launcher
+    from deploy.screen.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:
@@ -241,6 +230,5 @@ def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    sys.path[0] = str(ROOT)
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
     sys.exit(main())

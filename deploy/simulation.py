@@ -22,7 +22,9 @@ from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
 from monitor_station.view import StationView
 from world.core import World
-from world.messages import STATION, Event, Motion, Sense, Snapshot
+from world.feed import Event, Snapshot
+from world.messages import Motion, Sense
+from world.terms import STATION
 
 
 @dataclass
@@ -46,7 +48,7 @@ class Traces:
     xy_m: NDArray[np.float64]
     """(ticks, n, 2) true positions in metres"""
     cls: NDArray[np.uint8]
-    """(ticks, n) world.messages.Cls"""
+    """(ticks, n) world.terms.Cls"""
     nms: NDArray[np.int16]
     """(ticks, n) next hop to the MS, -1 without a route"""
     hops: NDArray[np.uint8]

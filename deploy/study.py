@@ -17,31 +17,26 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from deploy.study_execution import Workers
-    from deploy.study_plan import Point, Study
-    from deploy.study_table import Results
+    from deploy.command import Parser
+    from deploy.sweep.plan import Point, Study
+    from deploy.sweep.results import Results
+    from deploy.sweep.workers import Workers
 
-ROOT: Final = Path(__file__).resolve().parent.parent
-NEEDED: Final = ("matplotlib", "pyarrow", "zenoh", "pydantic", "rich", "scipy")
+ALSO_NEEDED: Final = ("matplotlib", "pyarrow")
 REPORT: Final = "report"
 """In place of a study: write docs/results.md and docs/policies.md from what is there."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"study.py: {message} (--help lists the options)\n")
-
-
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line."""
-    p = _Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
+    from deploy.command import Parser
+
+    p = Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
     p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
     p.add_argument("--workers", type=int, metavar="N", help="processes of this machine (default: one per core)")
@@ -58,14 +53,14 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.own_python import require
+    from deploy.command import refuse, require
 
-    require(Path(__file__), NEEDED)
-    from deploy.study_run import one_thread
+    require(Path(__file__), ALSO_NEEDED)
+    from deploy.sweep.row import one_thread
 
     one_thread()
     from deploy.scenario import ScenarioError
-    from deploy.study_plan import load_study, points_of
+    from deploy.sweep.plan import load_study, points_of
 
     if options.study == [REPORT]:
         return _report(options.out)
@@ -77,8 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
             plans.append((study, _sampled(points_of(study), options.sample)))
         workers = None if options.plot_only else _workers(options)
     except (ScenarioError, OSError, ValueError) as error:
-        print(f"study.py: {error}", file=sys.stderr)
-        return 2
+        return refuse("study.py", error)
     try:
         return max([_run(study, points, workers, options) for study, points in plans])
     except KeyboardInterrupt:
@@ -111,7 +105,7 @@ def _sampled(points: list[Point], count: int | None) -> list[Point]:
 
 
 def _workers(options: argparse.Namespace) -> Workers:
-    from deploy.study_execution import DaskCluster, LocalPool
+    from deploy.sweep.workers import DaskCluster, LocalPool
 
     if options.dask:
         try:
@@ -142,21 +136,20 @@ def _marks(options: argparse.Namespace) -> list[str]:
 def _run(study: Study, points: list[Point], workers: Workers | None, options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from deploy.study_table import Results
+    from deploy.command import refuse
+    from deploy.sweep.results import Results
 
     console = Console()
     try:
         results = Results(_folder(study, options))
     except OSError as error:
-        print(f"study.py: {_folder(study, options)}: can't write there: {error.strerror}", file=sys.stderr)
-        return 2
+        return refuse("study.py", f"{_folder(study, options)}: can't write there: {error.strerror}")
     if workers is not None:
         results.plan(points)
         _execute(study, points, workers, results, console, options)
     rows = results.rows()
     if not rows:
-        print(f"study.py: {results.folder}: no results yet", file=sys.stderr)
-        return 2
+        return refuse("study.py", f"{results.folder}: no results yet")
     planned = {point.key for point in points}
     _draw(study, [row for row in rows if row["key"] in planned], results, console)
     return max(_tell_failures(rows, planned, console), _compare(rows, planned, options.compare, console))
@@ -165,8 +158,8 @@ def _run(study: Study, points: list[Point], workers: Workers | None, options: ar
 def _execute(
     study: Study, points: list[Point], workers: Workers, results: Results, console: Console, options: argparse.Namespace
 ) -> None:
-    from deploy.study_execution import Execution
-    from deploy.study_run import ERROR
+    from deploy.sweep.row import ERROR
+    from deploy.sweep.workers import Execution
 
     done = results.done(retry_failed=options.retry_failed)
     todo = [point for point in points if point.key not in done]
@@ -189,7 +182,7 @@ def _execute(
 
 
 def _warn_of_other_code(results: Results, planned: set[str], console: Console) -> None:
-    from deploy.study_run import code_version
+    from deploy.sweep.row import code_version
 
     others = [row for row in results.rows() if row["key"] in planned and row.get("code") != code_version()]
     if others:
@@ -232,15 +225,15 @@ def _processor() -> str:
 
 def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
     from deploy.scenario import load
-    from deploy.study_plots import draw
-    from deploy.study_statistics import bounds_of
+    from deploy.sweep.plots import draw
+    from deploy.sweep.statistics import bounds_of
 
     for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
         _say(console, f"drawn: {path}")
 
 
 def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Console) -> int:
-    from deploy.study_statistics import usable
+    from deploy.sweep.statistics import usable
 
     here = [row for row in rows if row["key"] in planned]
     failed = len(here) - len(usable(here))
@@ -252,7 +245,7 @@ def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Conso
 def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, console: Console) -> int:
     if other is None:
         return 0
-    from deploy.study_table import Results, differences
+    from deploy.sweep.results import Results, differences
 
     others = [row for row in Results(other).rows() if row["key"] in planned]
     lines = differences([row for row in rows if row["key"] in planned], others)
@@ -263,7 +256,8 @@ def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, 
 
 
 def _report(out: Path | None) -> int:
-    from deploy.study_report import write_report
+    from deploy.command import ROOT
+    from deploy.paper.results_page import write_report
 
     for page in write_report(Path("runs") / "studies", out or ROOT / "docs"):
         print(f"written: {page}")
@@ -275,8 +269,7 @@ def _say(console: Console, words: str) -> None:
 
 
 if __name__ == "__main__":
-    # The folder of this script must not stand on the path: its files are modules of the package `deploy` only.
-    sys.path[0] = str(ROOT)
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
     # Ended by a batch system, as by Ctrl-C: what is finished goes into the tables.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(main())

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
 from medium.propagation import Propagation
-from world.messages import TICK_S, Positions
+from world.messages import Positions
+from world.terms import TICK_S
 
 _TICK: Final = struct.Struct("<IH")
 _FRAME: Final = struct.Struct("<HiI")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from math import isfinite
 from typing import Final, TypeAlias
 
 from bus.codec import WireError, head, integer, pack, unpack
-from world.compiled import kernels
-from world.messages import MAX_NODE, MAX_TICK
+from medium import _receptions
+from world.terms import MAX_NODE, MAX_TICK
 
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""
@@ -17,9 +16,6 @@ BROADCAST: Final = -1
 MAX_FRAME_BYTES: Final = 1 << 20
 
 _TICK: Final = struct.Struct("<I")
-_HEARD: Final = struct.Struct("<HdI")
-"""Before each payload of an inbox: source, power, length."""
-_BAD_INBOX: Final = "an inbox is a run of (node, finite power, payload)"
 
 
 Frame: TypeAlias = tuple[int, bytes]
@@ -72,32 +68,13 @@ class Inbox:
         self.receptions = receptions
 
     def encode(self) -> bytes:
-        if kernels is not None:
-            receptions: bytes = kernels.pack_receptions(self.receptions)
-            return _TICK.pack(self.tick) + receptions
-        parts = [_TICK.pack(self.tick)]
-        for src, power, payload in self.receptions:
-            parts += (_HEARD.pack(src, power, len(payload)), payload)
-        return b"".join(parts)
+        return _TICK.pack(self.tick) + _receptions.pack_receptions(self.receptions)
 
     @staticmethod
     def decode(data: bytes) -> Inbox:
         (tick,) = head(_TICK, data)
         integer(tick, 0, MAX_TICK)
-        if kernels is not None:
-            receptions: tuple[Reception, ...] | None = kernels.unpack_receptions(data, _TICK.size, MAX_NODE)
-            if receptions is None:
-                raise WireError(_BAD_INBOX)
-            return Inbox(tick, receptions)
-        heard: list[Reception] = []
-        at = _TICK.size
-        while at < len(data):
-            if at + _HEARD.size > len(data):
-                raise WireError(_BAD_INBOX)
-            src, power, length = _HEARD.unpack_from(data, at)
-            at += _HEARD.size
-            if at + length > len(data) or src > MAX_NODE or not isfinite(power):
-                raise WireError(_BAD_INBOX)
-            heard.append((src, power, data[at : at + length]))
-            at += length
-        return Inbox(tick, tuple(heard))
+        receptions = _receptions.unpack_receptions(data, _TICK.size, MAX_NODE)
+        if receptions is None:
+            raise WireError("an inbox is a run of (node, finite power, payload)")
+        return Inbox(tick, receptions)

@@ -17,6 +17,7 @@ import msgpack
 from bus.codec import WireError
 from bus.envelopes import NO_TICK, Answer, Moves, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
+from bus.malformed import Malformed
 from bus.member import LATE_STOP_S, LostError, exit_status
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
@@ -34,8 +35,6 @@ _LINGER_ROBOTS_S: Final = 1.0
 _QUIET_S: Final = 0.25
 """Without a launcher, what was routed last has this long to get out of the router's queues."""
 _START_S: Final = 60.0
-
-log = logging.getLogger(__name__)
 
 
 def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> None:
@@ -79,7 +78,7 @@ class Shell:
         self._alive: dict[str, set[str]] = {role: set() for role in ("world", "station", "robot", "operator")}
         self._world_seen = False
         self._stopped = False
-        self._dropped = 0
+        self._malformed = Malformed()
         self._put_rx: dict[int, Put] = {}
         keys = session.keys
         self._positions_key = keys.positions
@@ -103,7 +102,7 @@ class Shell:
             if self._world_seen and not self._alive["world"] and not self._last_words():
                 raise LostError("world is gone")
         self._put_phases(self._phases.encode())
-        self._put_final(msgpack.packb(self._core.final() | {"malformed": self._dropped}))
+        self._put_final(msgpack.packb(self._core.final() | {"malformed": self._malformed.count}))
         self._linger()
 
     def _receive(self, timeout_s: float) -> bool:
@@ -117,14 +116,14 @@ class Shell:
             return False
         key, data = message
         try:
-            if "/alive/" in key:
+            if self._session.keys.is_token(key):
                 self._token_changed(key, present=data is not None)
             elif key == self._positions_key:
                 self._world_says(data or b"")
             else:
                 self._transmitted(key, data or b"")
         except WireError as error:
-            self._drop(key, error)
+            self._malformed.drop(f"message on {key}", error)
         self._phases.mark("decode")
         return True
 
@@ -207,11 +206,6 @@ class Shell:
         self._phases.mark("encode")
         if positions.tick % REPORT_TICKS == 0:
             self._put_phases(self._phases.encode())
-
-    def _drop(self, key: str, error: WireError) -> None:
-        self._dropped += 1
-        if self._dropped == 1:
-            log.warning("dropped a malformed message on %s: %s (further ones are only counted)", key, error)
 
     # The end
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medium.config import MediumConfig
-from world.compiled import kernels
 from world.geometry import walls_crossed
 
 _NEAREST_M: Final = 0.01
@@ -29,12 +28,11 @@ _PLACE_M: Final = 1.0
 
 def distances_m(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, n) distances between all places."""
-    if kernels is not None:
-        result: NDArray[np.float64] = kernels.distances(xy_m)
-        return result
-    delta = xy_m[:, None, :] - xy_m[None, :, :]
-    squares: NDArray[np.float64] = np.einsum("ijk,ijk->ij", delta, delta)
-    return np.sqrt(squares)
+    x, y = xy_m.T
+    dx, dy = x[:, None] - x, y[:, None] - y
+    # Never fused: `einsum` may multiply and add in one step where the processor can.
+    distances: NDArray[np.float64] = np.sqrt(dx * dx + dy * dy)
+    return distances
 
 
 class Propagation:

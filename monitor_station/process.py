@@ -16,17 +16,19 @@ import msgpack
 
 from agents.messages import Table
 from bus.codec import WireError
-from bus.lockstep import unbatch
+from bus.malformed import Malformed
 from bus.member import END, LATE_STOP_S, Member, exit_status
 from bus.session import Login, Mailbox, Message, Session
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
+from world.feed import Event, unpack_feed
 from world.map_file import save_map
-from world.messages import STATION, Cls, Event, Sense, Snapshot
+from world.messages import Sense
+from world.terms import STATION, Cls
 
 if TYPE_CHECKING:
-    from monitor_station.recorder import Recorder
+    from monitor_station.recording.recorder import Recorder
     from monitor_station.view import StationView
 
 __all__ = ["JOURNAL", "MAP", "RECORDING", "run"]
@@ -125,7 +127,7 @@ class Shell:
         if station is not None:
             save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
         counts = station.final() if station is not None else {}
-        malformed = member.dropped + (0 if self._screen is None else self._screen.dropped)
+        malformed = member.malformed.count + (0 if self._screen is None else self._screen.malformed.count)
         self._put_final(msgpack.packb(counts | {"malformed": malformed}))
 
     def _start(self, sense: Sense) -> Station:
@@ -155,15 +157,14 @@ class Screen:
 
     def __init__(self, login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> None:
         # Only a station that records needs Rerun.
-        from monitor_station.recorder import Recorder
+        from monitor_station.recording.recorder import Recorder
 
         self._recorder: Recorder = Recorder(config, path, live_port=live_port)
         self._mailbox = Mailbox()
         self._session = Session.connect(login, watching=True)
         keys = self._session.keys
         self._feed, self._event, self._node_of = keys.feed, keys.event, keys.node_of
-        self.dropped = 0
-        """Messages that were malformed."""
+        self.malformed = Malformed()
         self._tick = -1
         """Of the last snapshot."""
         self._views: list[StationView] = []
@@ -210,14 +211,11 @@ class Screen:
         try:
             self._take(key, data or b"")
         except WireError as error:
-            self.dropped += 1
-            if self.dropped == 1:
-                log.warning("dropped a malformed message on %s: %s (further ones are only counted)", key, error)
+            self.malformed.drop(f"message on {key}", error)
 
     def _take(self, key: str, data: bytes) -> None:
         if key == self._feed:
-            for packed in unbatch(data):
-                snapshot = Snapshot.decode(packed)
+            for snapshot in unpack_feed(data):
                 self._recorder.snapshot(snapshot)
                 self._tick = snapshot.tick
         elif key == self._event:

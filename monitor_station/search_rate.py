@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from monitor_station.config import SearchCell
 from world.grid import UNKNOWN
-from world.messages import TICK_S
+from world.terms import seconds_of
 
 
 class SearchRate:
@@ -31,7 +31,7 @@ class SearchRate:
             members = self._members[k]
             rates[k] = float(np.count_nonzero(merged[members] != UNKNOWN)) / len(members)
             if rates[k] == 1.0 and self.search_time_s[k] is None:
-                self.search_time_s[k] = round(tick * TICK_S, 1)
+                self.search_time_s[k] = seconds_of(tick)
         self.rates = tuple(rates)
 
     @property

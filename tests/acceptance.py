@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Whole missions against what the procedure promises, too long for the test suite: `make acceptance`.
 
 Prints a section of Markdown each, with what was asked, what came out, and a verdict; exit status 1 if any fails.
-`python tests/acceptance.py missions digests` runs those only; `--seeds 2` is a quick look at the first four.
+`python -m tests.acceptance missions digests` runs those only; `--seeds 2` is a quick look at the first four.
 The sections on policies judge studies, which have seeds of their own and go on where they were interrupted.
 """
 
@@ -25,15 +24,13 @@ from typing import Any, NamedTuple
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is imported; a run is one thread
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from deploy.scenario import load  # noqa: E402 - found by the line above
+from deploy.scenario import load  # noqa: E402 - after the lines above
 from deploy.simulation import Simulation  # noqa: E402
-from deploy.study_plan import load_study, points_of  # noqa: E402
-from deploy.study_run import code_version  # noqa: E402
-from deploy.study_statistics import ALL  # noqa: E402
-from deploy.study_table import Results  # noqa: E402
+from deploy.sweep.plan import load_study, points_of  # noqa: E402
+from deploy.sweep.results import Results  # noqa: E402
+from deploy.sweep.row import code_version  # noqa: E402
+from deploy.sweep.statistics import ALL  # noqa: E402
+from tests import ROOT  # noqa: E402
 
 Run = tuple[str, Mapping[str, Any]]
 """A scenario and its overrides."""

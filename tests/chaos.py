@@ -1,6 +1,6 @@
 """Chaos: a random fault every 10 simulated seconds, on real processes, and what must hold all the same.
 
-    tests/chaos.py [--seconds 1000] [--seeds 5]
+    python -m tests.chaos [--seconds 1000] [--seeds 5]
 
 The faults are drawn from the seed and scheduled, so a run of chaos can be run again to the bit.
 """
@@ -17,13 +17,9 @@ from typing import Final
 
 import numpy as np
 
-ROOT: Final = Path(__file__).resolve().parent.parent
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
-
-from deploy.emulation import Emulation  # noqa: E402
-from deploy.scenario import load  # noqa: E402
-from deploy.simulation import Simulation  # noqa: E402
+from deploy.emulation import Emulation
+from deploy.scenario import load
+from deploy.simulation import Simulation
 
 ROBOTS: Final = 12
 RADIUS_M: Final = 6.0

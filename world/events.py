@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from world.messages import NOBODY, STATION, UNREACHABLE, Cls, Event, Snapshot
+from bus.nodes import node_name
+from world.feed import Event, Snapshot
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
 __all__ = ["changes"]
 
@@ -39,7 +41,7 @@ def _stayed(before: Snapshot, after: Snapshot) -> NDArray[np.bool_]:
 def _roles(before: Snapshot, after: Snapshot) -> list[Event]:
     changed = np.flatnonzero((before.cls != after.cls) & _stayed(before, after))
     return [
-        Event(after.tick, "role", robot, f"robot {robot} is now {name}", {"cls": name})
+        Event(after.tick, "role", robot, f"{node_name(robot)} is now {name}", {"cls": name})
         for robot, name in ((int(after.nodes[i]), Cls(int(after.cls[i])).name) for i in changed)
     ]
 
@@ -51,11 +53,11 @@ def _links(before: Snapshot, after: Snapshot) -> list[Event]:
         robot = int(after.nodes[i])
         if has[i]:
             hops, nms = int(after.hops[i]), int(after.nms[i])
-            where = "the MS" if nms == STATION else f"robot {nms}" if nms != NOBODY else "nobody"
-            text = f"robot {robot} has a route to the MS via {where}, hops: {hops}"
+            where = "the MS" if nms == STATION else node_name(nms) if nms != NOBODY else "nobody"
+            text = f"{node_name(robot)} has a route to the MS via {where}, hops: {hops}"
             events.append(Event(after.tick, "link", robot, text, {"recovered": True, "nms": nms, "hops": hops}))
         else:
-            text = f"robot {robot} lost its route to the MS"
+            text = f"{node_name(robot)} lost its route to the MS"
             events.append(Event(after.tick, "link", robot, text, {"recovered": False}))
     return events
 

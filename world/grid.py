@@ -8,8 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from world.compiled import kernels
-
 UNKNOWN: Final = -1
 FREE: Final = 0
 OCCUPIED: Final = 1
@@ -41,9 +39,6 @@ class GridGeometry:
 
     def holds(self, cells: NDArray[np.uint32]) -> bool:
         """Whether all of these flat indices are cells."""
-        if kernels is not None:
-            inside: bool = kernels.all_below(cells, self.rows * self.cols)
-            return inside
         return not cells.size or int(cells.max()) < self.size
 
     def index(self, x_m: float, y_m: float) -> int:

@@ -1,39 +1,19 @@
-"""What the world tells and is told. Node 0 is the monitor station, robots are 1..N; ticks are 0.1 s.
+"""What travels between the world and the others in a tick.
 
-Each message has `encode()` and `decode(bytes)`; decode raises `bus.codec.WireError`. Nobody changes a message. Those of
-every tick have a constructor of their own nevertheless, instead of being frozen: a generated one is never compiled, and
-takes fifteen times as long.
+`bus.codec` says how message classes are written, and why.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, field
-from enum import IntEnum
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bus.codec import WireError, all_finite, boolean, column, finite, head, integer, pack, text, unpack
-
-TICK_S: Final = 0.1
-"""Simulated seconds of one tick (paper, III: ten forwarding-table updates per second)."""
-
-STATION: Final = 0
-"""Node id of the monitor station."""
-
-NOBODY: Final = -1
-"""Stands for "no node" where a node id is expected."""
-
-UNREACHABLE: Final = 255
-"""Hop count of an infinite metric."""
-
-MAX_NODE: Final = 32_766
-"""Ids fit the int16 columns below."""
-MAX_TICK: Final = 2**31 - 1
-
-SIGNALS: Final = ("kill", "stop", "cont", "spawn")
+from world.terms import MAX_NODE, MAX_TICK, NOBODY, UNREACHABLE, Cls, Mode
 
 _SENSE: Final = struct.Struct("<I?HIdd")
 """Tick, first, incarnation, beams, x, y; then a scan, then the victims if there are any."""
@@ -43,28 +23,6 @@ _MOTION: Final = struct.Struct("<IddB3hBB2d3I")
 
 _F8: Final = np.dtype("<f8")
 _I2: Final = np.dtype("<i2")
-_U1: Final = np.dtype("u1")
-
-
-class Cls(IntEnum):
-    """Class of a robot (paper, II-A.2)."""
-
-    SR = 0
-    RR = 1
-
-
-class Mode(IntEnum):
-    """What a robot is doing: the branch of its behavior algorithm (paper, Fig. 3)."""
-
-    WALK = 0
-    INNER = 1
-    """Inner link recovery: traces its NMS."""
-    OUTER = 2
-    """Outer link recovery: traces its NMSR."""
-    LOST = 3
-    """No route to the MS: autonomous path recovery."""
-    WAIT = 4
-    """Stands still (no target, or a rule of the policy holds it)."""
 
 
 @dataclass(slots=True, init=False)
@@ -345,26 +303,6 @@ class Departed:
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
-    """What happens to the process of `node` now, because of a scheduled fault or one made by hand."""
-
-    tick: int
-    node: int
-    verb: str
-    """kill | stop | cont | spawn. `spawn` starts a new process at once, so that it is ready when it is due."""
-
-    def encode(self) -> bytes:
-        return pack((self.tick, self.node, self.verb))
-
-    @classmethod
-    def decode(cls, data: bytes) -> Signal:
-        tick, node, verb = unpack(data, 3)
-        if verb not in SIGNALS:
-            raise WireError(f"{verb!r} is not one of {', '.join(SIGNALS)}")
-        return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))
-
-
-@dataclass(frozen=True, slots=True)
 class Stop:
     """The run ends after `tick`."""
 
@@ -379,108 +317,3 @@ class Stop:
     def decode(cls, data: bytes) -> Stop:
         tick, reason = unpack(data, 2)
         return cls(integer(tick, 0, MAX_TICK), text(reason))
-
-
-@dataclass(slots=True, init=False)
-class Snapshot:
-    """All that the world knows at the end of a tick: for recorder, launcher and studies, never for a robot.
-
-    Columns follow `nodes` (ascending; every robot of the scenario, dead ones too, without the station).
-    """
-
-    tick: int
-    nodes: NDArray[np.int16]
-    present: NDArray[np.uint8]
-    """1 = takes part; 0 = departed (dead, paused or unresponsive)."""
-    xy_m: NDArray[np.float64]
-    """(n, 2) true positions at the start of the tick."""
-    cls: NDArray[np.uint8]
-    mode: NDArray[np.uint8]
-    hops: NDArray[np.uint8]
-    nms: NDArray[np.int16]
-    msr: NDArray[np.int16]
-    target_m: NDArray[np.float64]
-    """(n, 2)"""
-    reports_buffered: int
-    search_rate: tuple[float, ...]
-    merged: int
-    victims_found: tuple[int, ...]
-
-    def __init__(
-        self,
-        tick: int,
-        nodes: NDArray[np.int16],
-        present: NDArray[np.uint8],
-        xy_m: NDArray[np.float64],
-        cls: NDArray[np.uint8],
-        mode: NDArray[np.uint8],
-        hops: NDArray[np.uint8],
-        nms: NDArray[np.int16],
-        msr: NDArray[np.int16],
-        target_m: NDArray[np.float64],
-        reports_buffered: int = 0,
-        search_rate: tuple[float, ...] = (),
-        merged: int = 0,
-        victims_found: tuple[int, ...] = (),
-    ) -> None:
-        self.tick = tick
-        self.nodes = nodes
-        self.present = present
-        self.xy_m = xy_m
-        self.cls = cls
-        self.mode = mode
-        self.hops = hops
-        self.nms = nms
-        self.msr = msr
-        self.target_m = target_m
-        self.reports_buffered = reports_buffered
-        self.search_rate = search_rate
-        self.merged = merged
-        self.victims_found = victims_found
-
-    def encode(self) -> bytes:
-        return pack((
-            self.tick, self.nodes.astype(_I2).tobytes(), self.present.astype(_U1).tobytes(),
-            self.xy_m.astype(_F8).tobytes(), self.cls.astype(_U1).tobytes(), self.mode.astype(_U1).tobytes(),
-            self.hops.astype(_U1).tobytes(), self.nms.astype(_I2).tobytes(), self.msr.astype(_I2).tobytes(),
-            self.target_m.astype(_F8).tobytes(), self.reports_buffered, self.search_rate, self.merged,
-            self.victims_found,
-        ))  # fmt: skip
-
-    @staticmethod
-    def decode(data: bytes) -> Snapshot:
-        f = unpack(data, 14)
-        nodes = column(f[1], _I2)
-        n = len(nodes)
-        if not isinstance(f[11], list) or not isinstance(f[13], list):
-            raise WireError("search rates and victims are lists")
-        return Snapshot(
-            integer(f[0], 0, MAX_TICK), nodes, column(f[2], _U1, n), column(f[3], _F8, 2 * n).reshape(n, 2),
-            column(f[4], _U1, n), column(f[5], _U1, n), column(f[6], _U1, n), column(f[7], _I2, n),
-            column(f[8], _I2, n), column(f[9], _F8, 2 * n).reshape(n, 2), integer(f[10], 0, MAX_TICK),
-            tuple(finite(r) for r in f[11]), integer(f[12], 0, MAX_TICK),
-            tuple(integer(v, 0, MAX_NODE) for v in f[13]),
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something worth a line in events.jsonl and in the recording's log."""
-
-    tick: int
-    kind: str
-    """fault | recovery | role | link | victim | mission | drop"""
-    node: int
-    text: str
-    data: dict[str, Any] = field(default_factory=dict)
-    """Further facts, JSON types only."""
-
-    def encode(self) -> bytes:
-        return pack((self.tick, self.kind, self.node, self.text, self.data))
-
-    @classmethod
-    def decode(cls, data: bytes) -> Event:
-        tick, kind, node, words, more = unpack(data, 5)
-        if not isinstance(more, dict):
-            raise WireError("event data is not a map")
-        return cls(integer(tick, 0, MAX_TICK), text(kind), integer(node, NOBODY, MAX_NODE), text(words), more)

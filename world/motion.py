@@ -7,10 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from world.compiled import kernels
 from world.geometry import walls_crossed
 from world.grid import GridGeometry
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["move"]
 
@@ -35,12 +34,6 @@ def move(
         (n, 2) places, each in a free cell, reached without crossing a wall.
     """
     x0_m, y0_m, resolution_m = geometry.x0_m, geometry.y0_m, geometry.resolution_m
-    if kernels is not None:
-        freely: NDArray[np.float64] | None = kernels.move(
-            walls.reshape(-1), geometry.cols, resolution_m, x0_m, y0_m, xy_m, velocities_m_s, TICK_S, top_speed_m_s
-        )
-        if freely is not None:
-            return freely
     steps: list[tuple[float, float]] = []
     places: list[tuple[float, float]] = []
     leaving: list[int] = []

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
 

@@ -1,41 +1,39 @@
-"""The world as a process: paces the ticks, moves bytes, and notices who is there, silent or gone.
+"""The world as a process: paces the ticks, moves bytes, and notices who is there and who is gone.
 
 What follows from that (who takes part, which fault acts, when the run ends) is the core's to decide.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import signal
 import threading
 import time
-from collections.abc import Mapping
-from typing import Any, Final, Protocol
+from typing import Any
 
 import msgpack
 
 from bus.codec import WireError
 from bus.envelopes import NO_TICK, Moves, Opening
-from bus.lockstep import Gather, Kind, Patience, batch, seal
+from bus.lockstep import Gather, Kind, Patience, seal
+from bus.malformed import Malformed
 from bus.member import LostError, exit_status
+from bus.nodes import node_name, user_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Message, Session, new_token
 from world.attendance import Attendance
-from world.config import Fault, WorldConfig
-from world.core import Begin, Told, World
-from world.faults import check_fault, parse_fault
-from world.messages import STATION, TICK_S, Departed, Event, Motion, Report, Snapshot, Stop
+from world.config import WorldConfig
+from world.control import Control
+from world.core import Begin, Core, World
+from world.feed import Event
+from world.messages import Departed, Motion, Report, Stop
 from world.pace import Pace
+from world.silence import RunError, Silence
 from world.stopwatch import Stopwatch
+from world.terms import STATION, TICK_S
+from world.watchers import Watchers
 
 __all__ = ["run"]
-
-FEED_TICKS: Final = 10
-"""Snapshots that one message of the feed carries."""
-
-_BY_HAND: Final = "by hand"
-"""Stands for a key on faults that the operator ordered: no key has a space."""
 
 log = logging.getLogger(__name__)
 
@@ -53,58 +51,35 @@ def run(config: WorldConfig, login: Login) -> None:
         Shell(World(config), config, login).run()
 
 
-class Core(Protocol):
-    """What the shell drives: `world.core.World`, or one that does nothing, to measure the shell alone."""
-
-    tick: int
-
-    def awaited(self) -> frozenset[int]: ...
-    def arrive(self, node: int, *, new: bool) -> None: ...
-    def depart(self, node: int, cause: str, *, counted: bool) -> None: ...
-    def inject(self, fault: Fault) -> None: ...
-    def begin(self) -> Begin: ...
-    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None: ...
-    def tell(self) -> Told: ...
-    def interrupt(self) -> None: ...
-    def fail(self, why: str) -> Stop: ...
-    def final(self) -> dict[str, Any]: ...
-
-
-class _RunError(Exception):
-    """The run can't go on; the words say why."""
-
-
 class Shell:
     """What moves bytes around a world core."""
 
     def __init__(self, core: Core, config: WorldConfig, login: Login) -> None:
         self._core, self._config = core, config
+        # What the shell keeps step with.
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
-        self._attendance = Attendance()
         self._pace = Pace(config.speed, time.monotonic, held=config.held)
-        self._stopwatch = Stopwatch()
-        self._phases = Phases(time.perf_counter)
+        self._control = Control(self._pace, config.robots, self._status)
+        # Who is there.
+        self._nodes = range(config.robots + 1)
+        self._attendance = Attendance()
+        self._leaving: dict[int, tuple[int, str]] = {}
+        """(token, cause) of who left during the tick, until the medium has told whether they still counted."""
+        self._mediums: set[str] = set()
+        self._medium_lost = False
+        # The tick under way.
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._complete = NO_TICK
         """The last tick for which the medium waits for nobody any more."""
         self._counted: frozenset[int] = frozenset()
         """Whose transmission counted in it."""
         self._untold = False
-        """A tick has ended of which nobody has heard."""
-        self._asked: Patience | None = None
-        """Since when the medium owes an answer."""
-        self._pongs = 0
-        self._heard_s = time.monotonic()
-        """When something came in last."""
-        self._leaving: dict[int, tuple[int, str]] = {}
-        """(token, cause) of who left during the tick, until the medium has told whether they still counted."""
-        self._mediums: set[str] = set()
-        self._medium_lost = False
-        self._snapshots: list[Snapshot] = []
-        self._last: Snapshot | None = None
-        self._dropped = 0
-        self._nodes = range(config.robots + 1)
+        """The last tick is not yet published."""
+        # What is measured.
+        self._stopwatch = Stopwatch()
+        self._phases = Phases(time.perf_counter)
+        self._malformed = Malformed()
         self._open()
 
     def run(self) -> None:
@@ -114,7 +89,7 @@ class Shell:
         with self._session:
             try:
                 stop = self._ticks()
-            except _RunError as failure:
+            except RunError as failure:
                 log.error("the run failed at %.1f s: %s", self._core.tick * TICK_S, failure)
                 stop = self._core.fail(str(failure))
                 self._tell(STATION, f"the run failed: {failure}")
@@ -127,33 +102,21 @@ class Shell:
         self._put_signal = session.publisher(keys.signal, blocking=True)
         self._put_final = session.publisher(keys.final("world"), blocking=True)
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
-        self._put_feed = session.publisher(keys.feed, blocking=False)
-        self._put_event = session.publisher(keys.event, blocking=False)
+        self._watchers = Watchers(session)
+        self._silence = Silence(self._config, lambda: self._put_positions(seal(Kind.PING, 0)))
         self._pong_key, self._moved_key = keys.pong, keys.moved
         session.subscribe(self._mailbox, keys.moved, keys.pong)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
-        session.answer(keys.control, self._command)
+        session.answer(keys.control, self._control.answer)
         session.declare(new_token("world"))
 
-    def _command(self, line: str) -> str:
-        """Answer the operator, in a thread of the session's: a fault is checked here and acts in the world's own."""
-        word, _, rest = line.partition(" ")
-        if word != "fault":
-            return self._pace.command(line, self._status)
-        try:
-            check_fault(parse_fault(rest), self._config.robots)
-        except ValueError as error:
-            return json.dumps({"error": str(error)})
-        self._mailbox.put((_BY_HAND, rest.encode()))
-        return json.dumps(self._status() | {"fault": rest})
-
     def _status(self) -> dict[str, Any]:
-        """For an operator: the next tick, or the one that is under way, who is waited for, and how far the run is."""
-        last = self._last
+        """How the run stands: the next tick, or the one under way, whom it waits for, and how far the search is."""
+        last = self._watchers.last
         return {
             "tick": self._core.tick,
             "ticking": self._gather.tick == self._core.tick,
-            "waiting_for": [_name(node) for node in sorted(self._gather.missing)],
+            "waiting_for": [node_name(node) for node in sorted(self._gather.missing)],
             "robots": [] if last is None else last.nodes[last.present == 1].tolist(),
             "search_rate": [] if last is None else list(last.search_rate),
         }
@@ -168,6 +131,8 @@ class Shell:
                 return Stop(core.tick, "interrupted")
             started_s = time.perf_counter()
             self._phases.skip()
+            for fault in self._control.take():
+                core.inject(fault)
             begin = core.begin()
             self._phases.mark("step")
             self._pace.began()
@@ -181,7 +146,7 @@ class Shell:
             self._phases.mark("step")
             if begin.tick % REPORT_TICKS == 0:
                 self._put_phases(self._phases.encode())
-            last = None if self._gather.last is None else _name(self._gather.last).replace(" ", "-")
+            last = None if self._gather.last is None else user_name(self._gather.last)
             self._stopwatch.tick(started_s, sent_s, moved_s, done_s, time.perf_counter(), last)
             if stop is not None:
                 self._publish()
@@ -200,15 +165,15 @@ class Shell:
                     return False
                 self._receive(Patience.SLICE_S)
                 if patience.wait(time.monotonic()) > self._config.return_deadline_s:
-                    absent = [_name(node) for node in sorted(awaited)] + ["medium"] * (not self._mediums)
-                    raise _RunError(f"not there within {self._config.return_deadline_s:g} s: {', '.join(absent)}")
+                    absent = [node_name(node) for node in sorted(awaited)] + ["medium"] * (not self._mediums)
+                    raise RunError(f"not there within {self._config.return_deadline_s:g} s: {', '.join(absent)}")
                 continue
             delay_s = self._pace.delay_s(self._core.tick)
             if delay_s <= 0.0:
                 return True
             self._publish()
             if delay_s > Patience.SLICE_S:
-                self._flush()  # held: who watches wants to see how it stands
+                self._watchers.flush()  # held: who watches wants to see how it stands
             self._receive(min(delay_s, Patience.SLICE_S))
             patience = Patience(time.monotonic())
 
@@ -229,64 +194,27 @@ class Shell:
 
     def _collect(self, begin: Begin) -> float:
         """Wait for everybody who has not departed, then for the medium; returns when the last one had moved."""
-        config, gather = self._config, self._gather
-        late = {node for node, sense in begin.senses.items() if sense.first}
-        patience = Patience(time.monotonic())
-        sure: int | None = None
+        gather, silence = self._gather, self._silence
+        excused = {node for node, sense in begin.senses.items() if sense.first}
+        silence.wait()
         while gather.missing:
             self._receive(Patience.SLICE_S)
-            if gather.missing and not self._medium_answers():
-                patience.excuse(time.monotonic())
-                continue
-            waited_s = patience.wait(time.monotonic())
-            if waited_s > config.hang_deadline_s and gather.missing:
-                # Who is silent is known when the medium has passed on what it holds.
-                if sure is None:
-                    sure = self._pongs + 1
-                    self._ask()
-                if self._pongs < sure:
-                    continue
-                sure = None
-                excused = () if self._pace.interrupted or waited_s > config.return_deadline_s else late
-                for node in sorted(gather.missing.difference(excused)):
+            if gather.missing:
+                for node in silence.given_up(gather.missing, excused, interrupted=self._pace.interrupted):
                     self._leave(node, self._attendance.token(node), "unresponsive")
                     self._attendance.silent(node)
         moved_s = time.perf_counter()
-        patience = Patience(time.monotonic())
+        silence.wait()
         while self._complete < begin.tick:
             self._receive(Patience.SLICE_S)
-            deadline_s = config.hang_deadline_s if self._pace.interrupted else config.medium_deadline_s
-            if patience.wait(time.monotonic()) > deadline_s:
-                raise _RunError(f"the medium was silent for {deadline_s:g} s")
+            silence.check_medium(interrupted=self._pace.interrupted)
         return moved_s
-
-    def _medium_answers(self) -> bool:
-        """Whether a node's silence is its own: nothing gets here past a medium that is stopped, for it is the router.
-
-        Raises:
-            _RunError: the medium has not answered for longer than its deadline.
-        """
-        now_s = time.monotonic()
-        if self._asked is None:
-            if now_s - self._heard_s > Patience.SLICE_S / 2:
-                self._ask()
-            return True
-        deadline_s = self._config.hang_deadline_s if self._pace.interrupted else self._config.medium_deadline_s
-        if self._asked.wait(now_s) > deadline_s:
-            raise _RunError(f"the medium was silent for {deadline_s:g} s")
-        return False
-
-    def _ask(self) -> None:
-        """Ping the medium, unless it owes an answer."""
-        if self._asked is None:
-            self._asked = Patience(time.monotonic())
-            self._put_positions(seal(Kind.PING, 0))
 
     def _end(self) -> Stop | None:
         core, messages = self._core, self._gather.messages
         for node, (_, cause) in self._leaving.items():
             took = node in self._counted and node in messages
-            log.info("tick %d: %s: %s", core.tick, _name(node), cause)
+            log.info("tick %d: %s: %s", core.tick, node_name(node), cause)
             core.depart(node, cause, counted=took)
             if not took:
                 messages.pop(node, None)
@@ -303,13 +231,7 @@ class Shell:
         if not self._untold:
             return
         self._untold = False
-        told = self._core.tell()
-        for event in told.events:
-            self._put_event(event.encode())
-        self._last = told.snapshot
-        self._snapshots.append(told.snapshot)
-        if len(self._snapshots) >= FEED_TICKS:
-            self._flush()
+        self._watchers.tell(self._core.tell())
         self._phases.mark("recording")
 
     def _leave(self, node: int, token: int, cause: str) -> None:
@@ -329,19 +251,14 @@ class Shell:
             if not self._session.connected():
                 raise LostError("router is gone")
             return
-        self._heard_s = time.monotonic()
+        self._silence.heard()
         try:
             self._take(message)
         except WireError as error:
-            self._drop(f"message on {message[0]}", error)
+            self._malformed.drop(f"message on {message[0]}", error)
         self._phases.mark("decode")
         if self._medium_lost:
-            raise _RunError("the medium is gone")
-
-    def _drop(self, what: str, error: WireError) -> None:
-        self._dropped += 1
-        if self._dropped == 1:
-            log.warning("dropped a malformed %s: %s (further ones are only counted)", what, error)
+            raise RunError("the medium is gone")
 
     def _take(self, message: Message) -> None:
         key, data = message
@@ -351,15 +268,12 @@ class Shell:
                 try:
                     self._answered(node, token, tick, motion)
                 except WireError as error:
-                    self._drop(f"answer of {_name(node)}", error)
+                    self._malformed.drop(f"answer of {node_name(node)}", error)
             if moves.complete != NO_TICK:
                 self._complete, self._counted = moves.complete, frozenset(moves.counted)
         elif key == self._pong_key and data is not None:
-            self._asked = None
-            self._pongs += 1
-        elif key == _BY_HAND and data is not None:
-            self._core.inject(parse_fault(data.decode()))
-        elif "/alive/" in key:
+            self._silence.answered()
+        elif self._session.keys.is_token(key):
             self._token_changed(key, present=data is not None)
 
     def _answered(self, node: int, token: int, tick: int, motion: bytes) -> None:
@@ -394,61 +308,43 @@ class Shell:
             (self._mediums.add if present else self._mediums.discard)(key)
             self._medium_lost = not self._mediums
         elif node not in self._nodes:
-            log.warning("there is no %s in this run", _name(node))
+            log.warning("there is no %s in this run", node_name(node))
         elif present:
             if not self._attendance.came(node, incarnation):
                 self._refuse(node, incarnation)
-        elif self._attendance.left(node, incarnation):
-            if self._core_ticks(node):
+        elif self._attendance.left(node, incarnation) and node not in self._leaving:
+            if self._gather.tick == self._core.tick and node in self._gather:
                 self._leave(node, incarnation, "died")
-            elif node not in self._leaving:
+            else:
                 self._core.depart(node, "died", counted=False)
-
-    def _core_ticks(self, node: int) -> bool:
-        """Whether `node` takes part in a tick that has begun and not ended."""
-        begun = self._gather.tick == self._core.tick
-        return begun and node in self._gather and node not in self._leaving
 
     def _refuse(self, node: int, token: int) -> None:
         self._put_words[node](seal(Kind.REFUSED, token))
-        self._tell(node, f"a second living process of {_name(node)} was refused")
+        self._tell(node, f"a second living process of {node_name(node)} was refused")
 
     def _tell(self, node: int, text: str) -> None:
         log.info("%s", text)
-        self._put_event(Event(self._core.tick, "fault", node, text).encode())
+        self._watchers.event(Event(self._core.tick, "fault", node, text))
 
     # The end
 
-    def _flush(self) -> None:
-        if self._snapshots:
-            self._put_feed(batch([snapshot.encode() for snapshot in self._snapshots]))
-            self._snapshots.clear()
-
     def _finish(self, stop: Stop) -> None:
-        self._flush()
+        self._watchers.flush()
         self._put_phases(self._phases.encode())
         word = seal(Kind.STOP, 0, stop.encode())
         for put in self._put_words:
             put(word)
         self._put_positions(word)
-        final: Mapping[str, Any] = (
-            self._core.final()
-            | self._stopwatch.final()
-            | {"status": stop.reason, "stop_tick": stop.tick, "malformed": self._dropped}
-        )
-        self._put_final(msgpack.packb(final))
+        ended = {"status": stop.reason, "stop_tick": stop.tick, "malformed": self._malformed.count}
+        self._put_final(msgpack.packb(self._core.final() | self._stopwatch.final() | ended))
         log.info("stopped after tick %d: %s", stop.tick, stop.reason)
         self._await_answer()
 
     def _await_answer(self) -> None:
         """Stay until the medium has the stop: the end of the token may overtake what was put before it."""
-        patience, owed = Patience(time.monotonic()), 1 if self._asked is None else 2
+        patience, owed = Patience(time.monotonic()), 1 + self._silence.owed
         while owed and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
             message = self._mailbox.get(Patience.SLICE_S)
             owed -= message == (self._pong_key, b"")
             if message is None and not self._session.connected():
                 return
-
-
-def _name(node: int) -> str:
-    return f"robot {node}" if node != STATION else "station"

@@ -15,8 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from world.config import Fault
-from world.faults import chain_to_station, describe, jam_of, tick_of
-from world.messages import NOBODY, STATION, TICK_S, UNREACHABLE, Event, Jam, Snapshot, Status
+from world.faults import describe, jam_of
+from world.feed import Event, Snapshot
+from world.messages import Jam, Status
+from world.routes import chain_to_station
+from world.terms import NOBODY, STATION, UNREACHABLE, seconds_of, tick_of
 
 __all__ = ["Recoveries"]
 
@@ -201,7 +204,7 @@ def _verdict(watch: _Watch) -> dict[str, Any]:
         "detected_s": _since(watch, min(noticed, default=None)),
         "recovered_s": _since(watch, max(back)) if recovered is True else None,
         "recovered": recovered,
-        "robot_seconds_without_path": round(sum(o.ticks_without_path for o in orphans.values()) * TICK_S, 1),
+        "robot_seconds_without_path": seconds_of(sum(o.ticks_without_path for o in orphans.values())),
         "orphans": [
             {
                 "robot": robot,
@@ -219,7 +222,7 @@ def _verdict(watch: _Watch) -> dict[str, Any]:
 
 
 def _since(watch: _Watch, tick: int | None) -> float | None:
-    return None if tick is None else round((tick - watch.tick) * TICK_S, 1)
+    return None if tick is None else seconds_of(tick - watch.tick)
 
 
 def _jammed(chain: list[int], jam: Jam, snapshot: Snapshot, station_m: tuple[float, float]) -> bool:

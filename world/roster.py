@@ -10,9 +10,10 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from bus.nodes import target_name
 from world.config import Fault, Verb
-from world.faults import tick_of
-from world.messages import TICK_S, Signal
+from world.feed import Signal
+from world.terms import seconds_of, tick_of
 
 __all__ = ["Rewritten", "Roster"]
 
@@ -109,7 +110,7 @@ class Roster:
         self._leave(member, tick, back_tick=None, process=process)
         member.entry = len(self.faults)
         self.unscheduled += 1
-        self.faults.append(Fault("kill", at_s=_seconds(tick), target=_name(node)))
+        self.faults.append(Fault("kill", at_s=seconds_of(tick), target=target_name(node)))
         return self.faults[-1]
 
     def act(self, fault: Fault, node: int, tick: int) -> tuple[Signal, ...]:
@@ -132,7 +133,7 @@ class Roster:
         self._leave(member, tick, back_tick=back, process=fault.verb == "pause")
         member.needs_process = fault.verb == "restart"
         member.entry = len(self.faults) if fault.verb == "kill" else None
-        self.faults.append(dataclasses.replace(fault, at_s=_seconds(tick), target=_name(node)))
+        self.faults.append(dataclasses.replace(fault, at_s=seconds_of(tick), target=target_name(node)))
         return tuple(Signal(tick, node, verb) for verb in verbs)
 
     def admit(self, tick: int) -> tuple[list[tuple[int, Rewritten | None]], list[Signal]]:
@@ -166,7 +167,7 @@ class Roster:
         if member.entry is None:
             return None
         gone = self.faults[member.entry]
-        for_s = _seconds(tick - tick_of(gone.at_s))
+        for_s = seconds_of(tick - tick_of(gone.at_s))
         verb: Verb = "restart" if member.fresh else "pause"
         self.faults[member.entry] = dataclasses.replace(gone, verb=verb, for_s=for_s)
         return Rewritten(gone, self.faults[member.entry])
@@ -177,11 +178,3 @@ class Roster:
         member.process = process
         member.back_tick = back_tick
         member.gone_tick = tick
-
-
-def _seconds(ticks: int) -> float:
-    return round(ticks * TICK_S, 1)
-
-
-def _name(node: int) -> str:
-    return str(node) if node else "station"

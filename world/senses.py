@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from world.config import WorldConfig
 from world.geometry import line_of_sight, pad
 from world.lidar import Caster
-from world.messages import STATION, Sense
+from world.messages import Sense
 from world.roster import Roster
+from world.terms import STATION
 
 __all__ = ["Purpose", "Senses", "seeded"]
 

@@ -15,9 +15,9 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import Callback
 
+from bus.nodes import process_name
 from bus.session import free_endpoint
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from deploy.processes.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start"]
@@ -33,7 +33,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     supervisor.start("medium", _medium, pattern, endpoint)
     supervisor.start("world", _world, pattern, endpoint, result)
     for node in pattern.nodes:
-        supervisor.start(role_name(node), _node, pattern, endpoint, node)
+        supervisor.start(process_name(node), _node, pattern, endpoint, node)
 
 
 class _Line:

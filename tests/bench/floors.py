@@ -8,14 +8,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from deploy.node_processes import PRELOAD, role_name
-from deploy.processors import places, shared
-from deploy.supervisor import Supervisor
+from bus.nodes import process_name
+from deploy.processes.entry import PRELOAD
+from deploy.processes.processors import places, shared
+from deploy.processes.supervisor import Supervisor
 from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
 from tests.bench.pattern import Pattern
 from tests.bench.row import Row
-from world.messages import TICK_S
+from world.terms import TICK_S, seconds_of
 
 __all__ = ["FLOORS", "run_floor"]
 
@@ -42,7 +43,7 @@ def run_floor(name: str, robots: int, wall_s: float) -> Row:
         result = Path(folder) / "result.json"
         # What a run gets of the machine, a floor gets too.
         processors = shared(len(pattern.nodes) + len(("world", "medium")))
-        names = [role_name(node) for node in pattern.nodes]
+        names = [process_name(node) for node in pattern.nodes]
         with Supervisor("floor", Path(folder), PRELOAD, places(processors, names)) as supervisor:
             FLOORS[name](pattern, supervisor, result)
             pids = dict(supervisor.pids)
@@ -57,7 +58,7 @@ def run_floor(name: str, robots: int, wall_s: float) -> Row:
     return Row(
         what=f"floor {name}",
         robots=robots,
-        simulated_s=round(found["ticks"] * TICK_S, 1),
+        simulated_s=seconds_of(found["ticks"]),
         factor=found["ticks"] * TICK_S / took_s,
         cpu_ms_per_tick=meter.cpu_s(found["began"], found["ended"]) * 1e3 / found["ticks"],
         p50_ms=found["p50_ms"],

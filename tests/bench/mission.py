@@ -15,12 +15,13 @@ from typing import Any, Final
 import numpy as np
 
 import deploy
-from deploy.collector import collect_rarely
+from deploy.processes.collector import collect_rarely
 from deploy.scenario import load
 from deploy.simulation import Observer, Simulation
 from tests.bench.meter import Meter
 from tests.bench.row import Row
-from world.messages import TICK_S, Snapshot
+from world.feed import Snapshot
+from world.terms import TICK_S, seconds_of
 
 __all__ = ["Degree", "machine", "mission", "simulated"]
 
@@ -96,7 +97,7 @@ def simulated(scenario: str, robots: int, simulated_s: float, *, seed: int = 1) 
     return Row(
         what="in-process",
         robots=robots,
-        simulated_s=round(len(ticks_s) * TICK_S, 1),
+        simulated_s=seconds_of(len(ticks_s)),
         factor=len(ticks_s) * TICK_S / sum(ticks_s),
         cpu_ms_per_tick=cpu_s * 1e3 / len(ticks_s),
         p50_ms=round(float(low), 3),

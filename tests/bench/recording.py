@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor_station.recorder import Recorder
+from monitor_station.recording.recorder import Recorder
 from tests.bench.row import Row
-from tests.synthetic import Mission, feed
-from world.messages import TICK_S
+from tests.helpers.synthetic import Mission, feed
+from world.terms import TICK_S
 
 __all__ = ["paired", "recorder_cost"]
 

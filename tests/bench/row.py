@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from world.messages import TICK_S
+from world.terms import TICK_S
 
 __all__ = ["Row"]
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from bus.nodes import process_name
+from deploy.processes.supervisor import Supervisor
 from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start_unix", "start_zeromq"]
@@ -59,7 +59,7 @@ def _start(pattern: Pattern, supervisor: Supervisor, result: Path, hub: HubMaker
     supervisor.start(MEDIUM, _medium, pattern, result.parent, hub)
     supervisor.start("world", _world, pattern, result, leaf)
     for node in pattern.nodes:
-        supervisor.start(role_name(node), _node, pattern, result.parent, node, leaf)
+        supervisor.start(process_name(node), _node, pattern, result.parent, node, leaf)
 
 
 def _world(pattern: Pattern, result: Path, leaf: LeafMaker) -> None:

@@ -8,19 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from bus.access import Login, credentials, user_name, users_of
+from bus.access import Login, credentials, users_of
 from bus.member import Member
+from bus.nodes import process_name, user_name
 from bus.session import Session, local_endpoint
-from deploy.node_processes import role_name
-from deploy.supervisor import Supervisor
+from deploy.processes.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
+from world.account import Told
 from world.config import Fault, WorldConfig
-from world.core import Begin, Told
+from world.core import Begin
+from world.feed import Snapshot
 from world.grid import GridGeometry
-from world.messages import STATION, Motion, Positions, Report, Sense, Snapshot, Status, Stop
+from world.messages import Motion, Positions, Report, Sense, Status, Stop
 from world.process import Shell as WorldShell
+from world.terms import STATION
 
 __all__ = ["start"]
 
@@ -31,7 +34,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
     supervisor.start("medium", _medium, pattern, logins["medium"], users_of(logins))
     supervisor.start("world", _world, pattern, logins["world"], result)
     for node in pattern.nodes:
-        supervisor.start(role_name(node), _node, pattern, logins[user_name(node)], node)
+        supervisor.start(process_name(node), _node, pattern, logins[user_name(node)], node)
 
 
 class _World:

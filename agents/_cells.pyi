@@ -1,0 +1,37 @@
+import numpy as np
+from numpy.typing import NDArray
+
+def seen_free(
+    cells: NDArray[np.int8],
+    rows: int,
+    cols: int,
+    resolution_m: float,
+    x0_m: float,
+    y0_m: float,
+    x_m: float,
+    y_m: float,
+    index: int,
+    d_row: NDArray[np.int64],
+    d_col: NDArray[np.int64],
+    ranges_m: NDArray[np.float64],
+    beams_per_radian: float,
+) -> NDArray[np.int64]: ...
+def hit(
+    cells: NDArray[np.int8],
+    rows: int,
+    cols: int,
+    resolution_m: float,
+    x0_m: float,
+    y0_m: float,
+    x_m: float,
+    y_m: float,
+    ranges_m: NDArray[np.float64],
+    cosines: NDArray[np.float64],
+    sines: NDArray[np.float64],
+    range_m: float,
+    into_wall_m: float,
+) -> NDArray[np.int64]: ...
+def apply(cells: NDArray[np.int8], theirs: NDArray[np.uint32], values: NDArray[np.int8]) -> NDArray[np.int64]: ...
+def is_frontier(cells: NDArray[np.int8], cols: int, index: int) -> bool: ...
+def obstacles(cells: NDArray[np.int8], cols: int, u0: float, v0: float, du: float, dv: float) -> int: ...
+def newly_free(changed: NDArray[np.int64], cells: NDArray[np.int8], known: NDArray[np.uint8]) -> NDArray[np.int64]: ...

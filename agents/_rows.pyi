@@ -1,0 +1,19 @@
+from array import array
+from collections.abc import Callable
+
+def merge(
+    rows: bytes,
+    me: int,
+    sender: int,
+    known: list[int],
+    freshest: array[int],
+    next_hop: array[int],
+    inherent: bytearray,
+    before: array[int],
+    sticky: int,
+    max_node: int,
+    most_fresh: int,
+    make_room: Callable[[int], None],
+) -> int: ...
+def advertised(known: list[int], freshest: array[int], inherent: bytearray) -> bytes: ...
+def search_robots(next_hop: array[int], inherent: bytearray, me: int) -> list[int]: ...

@@ -1,0 +1,121 @@
+# cython: language_level=3
+"""Loops over the rows of a forwarding table; `agents.forwarding_table` says what a row is.
+
+The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
+`-march`; setup.py). The rows come from a peer: `merge` checks every destination before it is an index.
+"""
+
+from cpython cimport array
+from cpython.bytearray cimport PyByteArray_AS_STRING
+from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
+from libc.stdint cimport int64_t, uint64_t
+from libc.string cimport memcpy
+
+cdef enum:
+    ROW = 28
+    INHERENT = 18
+
+
+def merge(
+    bytes rows,
+    int me,
+    int sender,
+    list known,
+    array.array freshest,
+    array.array next_hop,
+    bytearray inherent,
+    array.array before,
+    int sticky,
+    int max_node,
+    uint64_t most_fresh,
+    make_room,
+):
+    """Take over the fresher rows of the neighbor `sender`; the columns are those of the table of node `me`.
+
+    Args:
+        before: next hops before the first update of this tick.
+        sticky: the destination whose entry stays as it is.
+        max_node: the highest destination that there is.
+        most_fresh: no freshness is as large.
+        make_room: called with a destination that the columns do not reach.
+
+    Returns:
+        Freshness of the neighbor's own entry for `sticky`, or -1; -2 at the first row that can't be.
+    """
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
+    cdef int dst
+    cdef uint64_t freshness, offered
+    cdef int64_t present
+    cdef bint possible
+    cdef object about_sticky = -1
+    cdef const short* hops_before = before.data.as_shorts
+    cdef Py_ssize_t known_before = len(before), size = len(freshest)
+    while raw < end:
+        dst = raw[0] | raw[1] << 8
+        freshness = uint64_at(raw + 2)
+        raw += ROW
+        offered = freshness - 1 if freshness & 255 and dst != sticky else freshness
+        possible = (offered & 256 == 0) == (offered & 255 > 0) and offered < most_fresh
+        if dst == sticky:
+            if not possible:
+                return -2
+            about_sticky = freshness
+            continue
+        if dst == me:
+            continue
+        if dst > max_node:
+            return -2
+        present = freshest.data.as_longlongs[dst] if dst < size else -1
+        if present >= 0 and (
+            offered < <uint64_t>present
+            or (offered == <uint64_t>present and (dst >= known_before or hops_before[dst] != sender))
+        ):
+            continue
+        if not possible:
+            return -2
+        if present < 0:
+            known.append(dst)
+        if dst >= size:
+            make_room(dst)
+            size = len(freshest)
+        freshest.data.as_longlongs[dst] = <int64_t>offered
+        next_hop.data.as_shorts[dst] = sender if offered & 255 else -1
+        memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
+    return about_sticky
+
+cdef uint64_t uint64_at(const unsigned char* raw) noexcept:
+    cdef uint64_t value = 0
+    cdef int byte
+    for byte in range(8):
+        value |= <uint64_t>raw[byte] << 8 * byte
+    return value
+
+def advertised(list known, array.array freshest, bytearray inherent):
+    """The whole table as a run of rows, in the order of `known`."""
+    cdef bytes rows = PyBytes_FromStringAndSize(NULL, ROW * len(known))
+    cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const char* said = PyByteArray_AS_STRING(inherent)
+    cdef int dst, byte
+    cdef uint64_t freshness
+    for dst in known:
+        freshness = freshest.data.as_longlongs[dst]
+        raw[0] = dst & 255
+        raw[1] = dst >> 8
+        for byte in range(8):
+            raw[2 + byte] = freshness >> 8 * byte & 255
+        memcpy(raw + 10, said + dst * INHERENT, INHERENT)
+        raw += ROW
+    return rows
+
+def search_robots(array.array next_hop, bytearray inherent, int me):
+    """Destinations, ascending, that have a route and the class SR, without `me`."""
+    cdef const char* said = PyByteArray_AS_STRING(inherent)
+    cdef int dst
+    found = []
+    for dst in range(<int>len(next_hop)):
+        if next_hop.data.as_shorts[dst] != -1 and dst != me and not said[dst * INHERENT] & 1:
+            found.append(dst)
+    return found
+
+include "../bus/built.pxi"

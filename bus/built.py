@@ -1,0 +1,59 @@
+"""Compiled loops carry the digest of their source, so that none that is out of date is ever used.
+
+A package's hot loops stand in `_NAME.pyx` files, their only form; each extension calls `check` as it is imported. An
+installed package has no source beside the extension, and nothing that could differ.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from pathlib import Path
+from typing import Final
+
+__all__ = ["LOOPS", "ROOT", "StaleLoopsError", "check", "complaint", "digest"]
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+LOOPS: Final = (
+    "agents._cells",
+    "agents._rows",
+    "agents._search",
+    "medium._receptions",
+    "world._lidar",
+    "world._lines",
+)
+"""All files of compiled loops."""
+
+
+class StaleLoopsError(ImportError):
+    """Compiled loops that were built from another source than the one beside them."""
+
+
+def digest(name: str) -> str:
+    """SHA-256 of the source of the loops `name` (`package._name`) and of what it includes; empty if it is not there."""
+    source = ROOT.joinpath(*name.split(".")).with_suffix(".pyx")
+    if not source.exists():
+        return ""
+    return hashlib.sha256(source.read_bytes() + (ROOT / "bus" / "built.pxi").read_bytes()).hexdigest()
+
+
+def check(name: str, built_from: str) -> None:
+    """Accept the loops `name` if they were built from the source that is there.
+
+    Raises:
+        StaleLoopsError: they were not.
+    """
+    if digest(name) not in ("", built_from):
+        raise StaleLoopsError(f"{name} is out of date: run `make setup` in {ROOT}")
+
+
+def complaint() -> str:
+    """What is wrong with the compiled loops, in one line; empty if all are there and up to date."""
+    for name in LOOPS:
+        try:
+            importlib.import_module(name)
+        except StaleLoopsError as error:
+            return str(error)
+        except ImportError:
+            return f"{name} is not compiled: run `make setup` in {ROOT}"
+    return ""

@@ -1,0 +1,24 @@
+"""How many messages were malformed: data, not an exception of ours (ARCHITECTURE.md, invariant 5)."""
+
+from __future__ import annotations
+
+import logging
+
+from bus.codec import WireError
+
+__all__ = ["Malformed"]
+
+log = logging.getLogger(__name__)
+
+
+class Malformed:
+    """Counts dropped messages of one process; the first one is logged."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def drop(self, what: str, error: WireError) -> None:
+        """Drop a message; `what` says which, such as "message on KEY"."""
+        self.count += 1
+        if self.count == 1:
+            log.warning("dropped a malformed %s: %s (further ones are only counted)", what, error)

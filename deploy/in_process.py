@@ -1,0 +1,60 @@
+"""One run in this one process: the same cores, files and view as with real processes, without a bus."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+from deploy.processes.collector import collect_rarely
+from deploy.simulation import Observer, Simulation
+from world.map_file import save_map
+
+if TYPE_CHECKING:
+    from deploy.run_folder.writer import RunFolder
+    from deploy.scenario import Scenario
+    from deploy.screen.live_table import View
+    from world.feed import Event, Snapshot
+
+__all__ = ["run_in_process"]
+
+
+def run_in_process(
+    scenario: Scenario, folder: RunFolder, view: View, *, record: bool
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Run to the end or to Ctrl-C; returns the summary and what failed (nothing: an exception passes through)."""
+    begun = time.monotonic()
+    recorder = None
+    if record:
+        from monitor_station.recording.recorder import Recorder
+
+        recorder = Recorder(scenario.recorder_config(folder.path.name), folder.path / "recording.rrd")
+
+    def snapshot(s: Snapshot) -> None:
+        folder.snapshot(s)
+        view.snapshot(s)
+        if recorder is not None:
+            recorder.snapshot(s)
+
+    def event(e: Event) -> None:
+        folder.event(e)
+        view.event(e)
+        if recorder is not None:
+            recorder.event(e)
+
+    observer = Observer(snapshot, event)
+    if recorder is not None:
+        observer.view, observer.table = recorder.station, recorder.table
+    simulation = Simulation(scenario, observer)
+    collect_rarely()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: simulation.world.interrupt())
+    try:
+        result = simulation.run()
+    finally:
+        view.close()
+        if recorder is not None:
+            recorder.close()
+    if simulation.station is not None:
+        save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
+    return folder.finish(result.finals, time.monotonic() - begun), ()

@@ -1,0 +1,182 @@
+"""Reads back what a run left in its folder, for reports: nothing here trusts a file to be what it should be."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image
+
+from deploy.run_folder.metrics import RATE
+from deploy.scenario import Scenario, ScenarioError, load
+
+__all__ = ["MapImage", "Run", "RunFilesError", "read_run"]
+
+_LARGEST_PIXELS: Final = 16_000_000
+
+
+class RunFilesError(ValueError):
+    """A run folder that can't be read; one line that names the file."""
+
+
+@dataclass(frozen=True)
+class MapImage:
+    """The map that the MS merged."""
+
+    pixels: NDArray[np.uint8]
+    """(rows, cols) as in map.pgm: row 0 at the highest y; 254 free, 0 wall, 205 unknown"""
+    resolution_m: float
+    x0_m: float
+    y0_m: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run as it lies in its folder."""
+
+    path: Path
+    summary: dict[str, Any]
+    times_s: list[float]
+    """Of the rows of metrics.csv."""
+    columns: dict[str, list[float | None]]
+    """Columns of metrics.csv by name, None where a field is empty."""
+    events: list[dict[str, Any]]
+    scenario_toml: str
+    scenario: Scenario | None
+    """None if scenario.toml is missing or its map has gone."""
+    map: MapImage | None
+
+    @property
+    def name(self) -> str:
+        return self.path.resolve().name
+
+    @property
+    def search_rates(self) -> dict[str, list[float | None]]:
+        """Columns of the cells by the cell's name."""
+        return {key.removeprefix(RATE): column for key, column in self.columns.items() if key.startswith(RATE)}
+
+    def table(self, key: str) -> dict[str, Any]:
+        """A table of the summary; empty if it is not known."""
+        value = self.summary.get(key)
+        return value if isinstance(value, dict) else {}
+
+    def rows(self, key: str) -> list[dict[str, Any]]:
+        """A list of tables of the summary; empty if it is not known."""
+        value = self.summary.get(key)
+        return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
+
+
+def read_run(path: Path) -> Run:
+    """Read a run folder.
+
+    Raises:
+        RunFilesError: it is no folder of a run that has ended, or one of its files is damaged.
+    """
+    if not path.is_dir():
+        raise RunFilesError(f"{path}: no such run folder")
+    summary = _summary(path / "summary.json")
+    times_s, columns = _metrics(path / "metrics.csv")
+    toml, scenario = _scenario(path / "scenario.toml")
+    events = list(_events(path / "events.jsonl"))
+    return Run(path, summary, times_s, columns, events, toml, scenario, _map(path / "map.yaml"))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise RunFilesError(f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise RunFilesError(f"{path}: not a text file") from None
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise RunFilesError(f"{path}: not there: no run folder, or its run has not ended")
+    try:
+        summary = json.loads(_text(path))
+    except (json.JSONDecodeError, RecursionError):
+        raise RunFilesError(f"{path}: not JSON") from None
+    if not isinstance(summary, dict) or "status" not in summary:
+        raise RunFilesError(f"{path}: not the summary of a run")
+    return summary
+
+
+def _metrics(path: Path) -> tuple[list[float], dict[str, list[float | None]]]:
+    rows = csv.DictReader(_text(path).splitlines())
+    try:
+        names = rows.fieldnames or []
+        if "time_s" not in names:
+            raise RunFilesError(f"{path}: has no column time_s")
+        columns: dict[str, list[float | None]] = {name: [] for name in names}
+        for row in rows:
+            for name in names:
+                columns[name].append(_number(row[name]))
+    except (csv.Error, ValueError) as error:
+        if isinstance(error, RunFilesError):
+            raise
+        raise RunFilesError(f"{path}: line {rows.line_num}: not numbers") from None
+    times_s = columns.pop("time_s")
+    if None in times_s:
+        raise RunFilesError(f"{path}: a row without time_s")
+    return [time_s for time_s in times_s if time_s is not None], columns
+
+
+def _number(text: str | None) -> float | None:
+    if not text:
+        return None
+    value = float(text)
+    return value if np.isfinite(value) else None
+
+
+def _events(path: Path) -> Iterator[dict[str, Any]]:
+    """Lines that are events; the last one may be cut off if the run was killed."""
+    if not path.exists():
+        return
+    for line in _text(path).splitlines():
+        try:
+            event = json.loads(line)
+        except (json.JSONDecodeError, RecursionError):
+            continue
+        if isinstance(event, dict) and isinstance(event.get("at_s"), int | float):
+            yield event
+
+
+def _scenario(path: Path) -> tuple[str, Scenario | None]:
+    if not path.exists():
+        return "", None
+    toml = _text(path)
+    try:
+        return toml, load(path)
+    except ScenarioError:
+        return toml, None
+
+
+def _map(path: Path) -> MapImage | None:
+    """The map; None if the run left none, as when its station was lost."""
+    if not path.exists():
+        return None
+    try:
+        fields = yaml.safe_load(_text(path))
+        if not isinstance(fields, Mapping):
+            raise RunFilesError(f"{path}: not a map")
+        resolution_m, (x0_m, y0_m) = float(fields["resolution"]), map(float, fields["origin"][:2])
+        if not (np.isfinite([resolution_m, x0_m, y0_m]).all() and resolution_m > 0):
+            raise RunFilesError(f"{path}: not a map")
+        # The image lies beside its YAML: a report never reads other folders for it.
+        with Image.open(path.parent / Path(str(fields["image"])).name) as image:
+            if image.width * image.height > _LARGEST_PIXELS:
+                raise RunFilesError(f"{path}: its image is too large")
+            pixels = np.asarray(image.convert("L"), np.uint8)
+    except RunFilesError:
+        raise
+    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError, Image.DecompressionBombError):
+        raise RunFilesError(f"{path}: damaged, or its image is") from None
+    return MapImage(pixels, resolution_m, x0_m, y0_m)

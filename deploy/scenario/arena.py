@@ -1,0 +1,213 @@
+"""What a scenario's tables stand for on the ground: walls, station, search cells, victims, and where robots start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
+from monitor_station.config import SearchCell
+from world.floor_plan import from_rectangles, reachable
+from world.geometry import line_of_sight, pad
+from world.grid import GridGeometry
+from world.map_file import digest_of_map, load_map
+
+__all__ = ["Arena", "survey"]
+
+START_MIN_M: Final = 1.0
+START_MAX_M: Final = 3.0
+SAFETY_M: Final = 3.0
+_STARTS, _VICTIMS = 100, 101
+"""Purposes of seeded generators; those of the processes are below."""
+
+
+@dataclass(frozen=True)
+class Arena:
+    """The resolved floor plan and everybody's places in it."""
+
+    geometry: GridGeometry
+    occupied: NDArray[np.bool_]
+    station_m: Point
+    safety_zone_m: Rectangle
+    starts_m: NDArray[np.float64]
+    """(robots, 2)"""
+    search_cells: tuple[SearchCell, ...]
+    cell_rectangles_m: tuple[Rectangle, ...]
+    victims_m: NDArray[np.float64]
+    """(v, 2)"""
+
+
+def survey(tables: Tables) -> Arena:
+    """Resolve the tables.
+
+    Raises:
+        ScenarioError: they do not fit the floor plan; the message names the key, not the file.
+    """
+    occupied, geometry = _floor_plan(tables.floor_plan)
+    station = _station(tables, occupied, geometry)
+    connected = reachable(occupied, geometry.index(*station))
+    zone = _safety_zone(tables, occupied, geometry, station)
+    cells, rectangles = _cells(tables, connected, geometry)
+    return Arena(
+        geometry,
+        occupied,
+        station,
+        zone,
+        _starts(tables, occupied, geometry, station)
+        if tables.station.start_radius_m is None
+        else _spread(tables, connected, geometry, station, tables.station.start_radius_m),
+        cells,
+        rectangles,
+        _victims(tables, occupied, geometry, cells),
+    )
+
+
+def _floor_plan(plan: FloorPlan) -> tuple[NDArray[np.bool_], GridGeometry]:
+    try:
+        if plan.map is not None:
+            if plan.size_m is not None or plan.free or plan.walls:
+                raise ScenarioError("floor_plan has both map and rectangles; give either")
+            path = Path(plan.map)
+            if plan.map_sha256 is not None and digest_of_map(path) != plan.map_sha256:
+                raise ScenarioError(f"floor_plan.map: {path} is not the map of this scenario any more (map_sha256)")
+            return load_map(path)
+        if plan.size_m is None or not plan.free:
+            raise ScenarioError("floor_plan needs either map, or size_m and free rectangles")
+        return from_rectangles(plan.size_m, plan.free, plan.walls, plan.resolution_m)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise ScenarioError(f"floor_plan: {error}") from None
+
+
+def _station(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry) -> Point:
+    wanted = tables.station.position_m
+    if wanted is not None:
+        if not _free(occupied, geometry, wanted):
+            raise ScenarioError(f"station.position_m = {wanted[0]:g}, {wanted[1]:g} is inside a wall")
+        return wanted
+    free = np.flatnonzero(~occupied)
+    if not len(free):
+        raise ScenarioError("floor_plan has no free cell")
+    middle = (
+        geometry.x0_m + geometry.cols * geometry.resolution_m / 2,
+        geometry.y0_m + geometry.rows * geometry.resolution_m / 2,
+    )
+    away = np.hypot(*(geometry.centers(free) - middle).T)
+    return geometry.center(int(free[np.argmin(away)]))
+
+
+def _free(occupied: NDArray[np.bool_], geometry: GridGeometry, place: Point) -> bool:
+    col = math.floor((place[0] - geometry.x0_m) / geometry.resolution_m)
+    row = math.floor((place[1] - geometry.y0_m) / geometry.resolution_m)
+    return 0 <= row < geometry.rows and 0 <= col < geometry.cols and not occupied[row, col]
+
+
+def _safety_zone(
+    tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, station: Point
+) -> tuple[float, float, float, float]:
+    x, y = station
+    wanted = tables.station.safety_zone_m
+    if wanted is not None:
+        if not (wanted[0] <= x <= wanted[2] and wanted[1] <= y <= wanted[3]):
+            raise ScenarioError(f"station.safety_zone_m = {_list(wanted)} does not hold the station")
+        if occupied.ravel()[geometry.rectangle(*wanted)].any():
+            raise ScenarioError(f"station.safety_zone_m = {_list(wanted)} holds a wall, but is said to be free")
+        return wanted
+    half = SAFETY_M
+    while half > geometry.resolution_m:
+        square = (x - half, y - half, x + half, y + half)
+        if not occupied.ravel()[geometry.rectangle(*square)].any():
+            return square
+        half -= geometry.resolution_m
+    cx, cy = geometry.center(geometry.index(x, y))
+    half = geometry.resolution_m / 2
+    return cx - half, cy - half, cx + half, cy + half
+
+
+def _cells(
+    tables: Tables, connected: NDArray[np.bool_], geometry: GridGeometry
+) -> tuple[tuple[SearchCell, ...], tuple[Rectangle, ...]]:
+    names = [cell.name for cell in tables.cell]
+    for name in names:
+        if names.count(name) > 1 or name == "all":
+            raise ScenarioError(f"cell name '{name}' is taken; every cell needs its own, and 'all' is the whole")
+    if not tables.cell:
+        inside = np.flatnonzero(connected)
+        low, high = geometry.centers(inside).min(axis=0), geometry.centers(inside).max(axis=0)
+        half = geometry.resolution_m / 2
+        box = (float(low[0] - half), float(low[1] - half), float(high[0] + half), float(high[1] + half))
+        return (SearchCell("all", inside),), (box,)
+    cells = []
+    for cell in tables.cell:
+        inside = geometry.rectangle(*cell.rectangle_m)
+        inside = inside[connected.ravel()[inside]]
+        if not len(inside):
+            where = f"cell '{cell.name}': rectangle_m = {_list(cell.rectangle_m)}"
+            raise ScenarioError(f"{where} holds no free place that can be reached from the station")
+        cells.append(SearchCell(cell.name, inside))
+    return tuple(cells), tuple(cell.rectangle_m for cell in tables.cell)
+
+
+def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, station: Point) -> NDArray[np.float64]:
+    """Seeded free places 1 to 3 m around the MS from where it can be seen."""
+    generator = _generator(tables.seed, _STARTS)
+    walls, wider = pad(occupied, geometry, math.ceil(START_MAX_M / geometry.resolution_m) + 1)
+    starts: list[Point] = []
+    for _ in range(200 * tables.robots + 2000):
+        away, angle = generator.uniform(START_MIN_M, START_MAX_M), generator.uniform(0.0, 2.0 * math.pi)
+        place = (station[0] + away * math.cos(angle), station[1] + away * math.sin(angle))
+        if line_of_sight(walls, wider, place, station):
+            starts.append(place)
+            if len(starts) == tables.robots:
+                return np.array(starts)
+    raise ScenarioError(
+        f"station: no free place for robot {len(starts) + 1} of {tables.robots} between "
+        f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}"
+    )
+
+
+def _spread(
+    tables: Tables, connected: NDArray[np.bool_], geometry: GridGeometry, station: Point, radius_m: float
+) -> NDArray[np.float64]:
+    """(robots, 2) seeded centers of free cells, no two alike, up to `radius_m` away and reachable from the MS."""
+    places = geometry.centers(np.flatnonzero(connected))
+    places = places[np.hypot(*(places - station).T) <= radius_m]
+    if len(places) < tables.robots:
+        raise ScenarioError(
+            f"station.start_radius_m = {radius_m:g}: only {len(places)} free cells there for {tables.robots} robots"
+        )
+    chosen: NDArray[np.float64] = _generator(tables.seed, _STARTS).choice(places, tables.robots, replace=False)
+    return chosen
+
+
+def _victims(
+    tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, cells: tuple[SearchCell, ...]
+) -> NDArray[np.float64]:
+    """(v, 2) explicit places, or seeded cell centers, no two in one grid cell of a search cell."""
+    for i, place in enumerate(tables.victims.positions_m, 1):
+        if not _free(occupied, geometry, place):
+            raise ScenarioError(f"victims.positions_m[{i}] = {place[0]:g}, {place[1]:g} is inside a wall")
+    if tables.victims.positions_m:
+        return np.array(tables.victims.positions_m, np.float64)
+    generator = _generator(tables.seed, _VICTIMS)
+    count = tables.victims.per_cell
+    places = []
+    for cell in cells:
+        if count > len(cell.cells):
+            raise ScenarioError(f"victims.per_cell = {count}: cell '{cell.name}' has only {len(cell.cells)} places")
+        places.append(geometry.centers(generator.choice(cell.cells, count, replace=False)))
+    return np.concatenate(places)
+
+
+def _generator(seed: int, purpose: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, purpose])))
+
+
+def _list(values: Rectangle) -> str:
+    return ", ".join(f"{value:g}" for value in values)

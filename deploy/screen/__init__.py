@@ -1,0 +1,1 @@
+"""What a person sees while a run goes on: a table in the terminal, or Rerun's viewer."""

@@ -1,0 +1,234 @@
+"""A study: one scenario, axes along which it is varied, named variants of it, and what is drawn of the results.
+
+Everything is checked before the first run: a study whose hundredth point does not fit together never starts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from annotated_types import Ge, Gt, Le, MinLen
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from deploy.scenario import Scenario, ScenarioError, load
+from deploy.scenario.tables import nearest
+
+__all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "study_names"]
+
+FOLDER: Final = Path(__file__).resolve().parent.parent / "studies"
+BASE: Final = "base"
+"""Name of the only variant of a study that lists none."""
+
+_RANGE: Final = re.compile(r"(-?\d+)\.\.(-?\d+)")
+
+
+@dataclass(frozen=True)
+class Discard:
+    """Runs that a figure leaves out: those that search `cell` before `before` (see study_statistics.goes_first)."""
+
+    cell: str
+    before: str
+    onset_rate: Annotated[float, Gt(0), Le(1)] = 0.1
+    """A run that finishes neither cell counts by the one whose search rate first reaches this share."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A named set of overrides, such as one rule switched off."""
+
+    name: Annotated[str, MinLen(1)]
+    set: dict[str, Any] = field(default_factory=dict)
+    """Scenario keys, dotted or nested."""
+    axes: dict[str, Any] = field(default_factory=dict)
+    """Axes of this variant, in place of the study's of the same name."""
+    against: str | None = None
+    """Variant that the report compares this one with: the study's first unless said, none if empty."""
+    why: str = ""
+    """What this variant shows, for the report."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study file as it stands, defaults filled in."""
+
+    __pydantic_config__ = ConfigDict(allow_inf_nan=False, extra="forbid")
+
+    name: Annotated[str, MinLen(1)]
+    scenario: Annotated[str, MinLen(1)]
+    """Name or path, as `run_local.py --scenario` takes it; a path is relative to the study's file."""
+    plot: Literal["search_rate", "search_time", "variants"]
+    title: str = ""
+    set: dict[str, Any] = field(default_factory=dict)
+    """Overrides of the scenario for all runs."""
+    axes: dict[str, Any] = field(default_factory=dict)
+    """By scenario key: a list of values, or "1..10" for whole numbers. All combinations are run. An axis of tables
+    varies several keys together, under a name of its own: fleet = [{robots = 6, radius_m = 12.0}, ...]."""
+    quick: dict[str, Any] = field(default_factory=dict)
+    """Axes as `--quick` has them, in place of those above."""
+    variant: tuple[Variant, ...] = ()
+    discard: Discard | None = None
+    series_step_s: Annotated[int, Ge(1)] = 1
+    """Simulated seconds between two rows of the time series."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a study, resolved."""
+
+    key: str
+    """Digest of the resolved scenario: equal keys are equal runs."""
+    variant: str
+    toml: str
+    """The scenario as resolved; `load` of it gives this run."""
+    effort: float
+    """Expected work, in units that only compare."""
+
+
+def study_names() -> list[str]:
+    """The studies that come with the emulator."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def load_study(source: str, *, quick: bool = False) -> Study:
+    """Load a study by name or path; with `quick`, on its small grid.
+
+    Raises:
+        ScenarioError: with one line that names the file, the key, and what would be right.
+    """
+    path = Path(source)
+    if path.suffix != ".toml":
+        if source not in study_names():
+            raise ScenarioError(f"unknown study '{source}', {nearest(source, study_names())} (or give a .toml file)")
+        path = FOLDER / f"{source}.toml"
+    try:
+        raw = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ScenarioError(f"{source}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{source}: not TOML: {error}") from None
+    try:
+        study = _validate({"name": path.stem, **raw})
+        _check(study)
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    if Path(study.scenario).suffix:
+        study = dataclasses.replace(study, scenario=str((path.parent / study.scenario).resolve()))
+    if not quick:
+        return study
+    variants = tuple(dataclasses.replace(variant, axes={}) for variant in study.variant)
+    return dataclasses.replace(study, axes=_flat(study.axes) | _flat(study.quick), variant=variants)
+
+
+def points_of(study: Study) -> list[Point]:
+    """All runs of a study, longest expected first, so that the last to end are short ones.
+
+    Raises:
+        ScenarioError: a combination that is no valid scenario; the line names it.
+    """
+    points: dict[str, Point] = {}
+    for variant, settings in _combinations(study):
+        source = str(settings.pop("scenario", study.scenario))
+        try:
+            scenario = load(source, settings)
+        except ScenarioError as error:
+            shown = ", ".join(f"{key}={value}" for key, value in settings.items())
+            raise ScenarioError(f"study {study.name}, {variant} ({shown}): {error}") from None
+        point = _point(variant, scenario)
+        points.setdefault(point.key, point)
+    return sorted(points.values(), key=lambda point: (-point.effort, point.key))
+
+
+def _combinations(study: Study) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every variant's name with the overrides of each of its runs; the later of set, axes, variant wins."""
+    common = _flat(study.set)
+    for variant in study.variant or (Variant(BASE),):
+        axes = _flat(study.axes) | _flat(variant.axes)
+        steps = [_steps(key, values) for key, values in axes.items()]
+        for chosen in itertools.product(*steps):
+            settings = {**common, **dict(itertools.chain(*map(dict.items, chosen))), **_flat(variant.set)}
+            if "fault" in settings:
+                settings["fault"] = _faults(settings["fault"])
+            yield variant.name, settings
+
+
+def _point(variant: str, scenario: Scenario) -> Point:
+    toml = scenario.to_toml()
+    key = hashlib.sha256(f"{variant}\n{toml}".encode()).hexdigest()[:16]
+    # A short radius takes long; how long exactly does not matter, the order does.
+    return Point(key, variant, toml, scenario.duration_s * scenario.robots / (1.0 + scenario.radius_m / 10.0))
+
+
+def _validate(raw: Mapping[str, Any]) -> Study:
+    known = {f.name for f in dataclasses.fields(Study)}
+    tables: tuple[tuple[str, Any, type], ...] = (
+        ("discard", [raw["discard"]] if "discard" in raw else [], Discard),
+        ("variant", raw.get("variant", []), Variant),
+    )
+    for key in raw:
+        if key not in known:
+            raise ScenarioError(f"unknown key '{key}', {nearest(key, sorted(known))}")
+    for table, items, kind in tables:
+        allowed = [f.name for f in dataclasses.fields(kind)]
+        for item in items if isinstance(items, list) else []:
+            for key in item if isinstance(item, dict) else []:
+                if key not in allowed:
+                    raise ScenarioError(f"unknown key '{key}' in [{table}], {nearest(key, allowed)}")
+    try:
+        return _ADAPTER.validate_python(dict(raw))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ScenarioError(f"{place}: {first['msg'].replace('Input should', 'should')}") from None
+
+
+_ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
+
+
+def _check(study: Study) -> None:
+    for table in (study.axes, study.quick, *(variant.axes for variant in study.variant)):
+        for key, values in _flat(table).items():
+            _values(key, values)
+    names = [variant.name for variant in study.variant]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ScenarioError(f"variant '{twice}' is there twice")
+    if study.plot == "search_time" and "radius_m" not in _flat(study.axes):
+        raise ScenarioError("plot = 'search_time' needs an axis radius_m")
+
+
+def _values(key: str, given: Any) -> Sequence[Any]:
+    if isinstance(given, str) and key != "fault" and (found := _RANGE.fullmatch(given)):
+        first, last = map(int, found.groups())
+        given = list(range(first, last + 1))
+    if not isinstance(given, list) or not given:
+        raise ScenarioError(f'axes.{key} = {given!r}: expected a list of values, or a range such as "1..10"')
+    return given
+
+
+def _steps(key: str, given: Any) -> list[dict[str, Any]]:
+    """The settings at each step of an axis."""
+    return [_flat(value) if isinstance(value, Mapping) else {key: value} for value in _values(key, given)]
+
+
+def _faults(given: Any) -> list[Any]:
+    """Faults of one run: one text, several, or none, written as the empty text."""
+    return [fault for fault in (given if isinstance(given, list) else [given]) if fault != ""]
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys: `rules.routing.sticky` unquoted in TOML is a table of tables."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat

@@ -1,0 +1,197 @@
+"""Pictures of a study's results, as PNG and SVG, in colors that color-blind readers can tell apart (Okabe & Ito)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+from matplotlib import pyplot as plt
+
+from deploy.sweep.plan import BASE, Study
+from deploy.sweep.statistics import ALL, Bounds, estimate, kept, mean_rates, usable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw"]
+
+COLORS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
+LINES: Final = ("-", "--", ":", "-.")
+
+_DPI: Final = 150
+# Without the hash salt a picture would differ between two drawings of the same table.
+_STYLE: Final[Any] = {
+    "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "vds", "svg.fonttype": "none",
+}  # fmt: skip
+
+Row = Mapping[str, Any]
+
+
+def draw(
+    study: Study,
+    rows: Sequence[Row],
+    series: Mapping[str, Mapping[str, Sequence[float]]],
+    bounds: Bounds,
+    folder: Path,
+) -> list[Path]:
+    """Draw what a study asks for; returns the files, PNG before SVG.
+
+    Args:
+        study: says which kind of picture.
+        rows: of the results table.
+        series: time series by key.
+        bounds: r_low and T_low of the study's arena.
+        folder: where the files go, named after the study.
+    """
+    with plt.rc_context(_STYLE):
+        if study.plot == "search_rate":
+            figure = _search_rate(study, rows, series)
+        elif study.plot == "search_time":
+            figure = _search_time(study, rows, bounds)
+        else:
+            figure = _variants(study, rows)
+        try:
+            return [_save(figure, folder / f"{study.name}.{kind}") for kind in ("png", "svg")]
+        finally:
+            plt.close(figure)
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    figure.savefig(path, dpi=_DPI, metadata={"Date": None} if path.suffix == ".svg" else None)
+    return path
+
+
+def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
+    """Fig. 6: search rate of each cell against elapsed time, a panel for each N."""
+    shown = usable(rows)
+    fleets = sorted({row["robots"] for row in shown}, reverse=True)
+    figure, axes = plt.subplots(1, max(1, len(fleets)), figsize=(9.5, 3.4), sharey=True, squeeze=False)
+    until_s = max((float(row["duration_s"]) for row in shown), default=1.0)
+    for axis, robots in zip(axes[0], fleets, strict=False):
+        of_fleet = [row for row in shown if row["robots"] == robots]
+        left = kept(of_fleet, series, study.discard)
+        cells = sorted({cell for row in left for cell in series[row["key"]]} - {"time_s"})
+        for i, cell in enumerate(cells):
+            band = mean_rates([series[row["key"]] for row in left], cell, until_s)
+            axis.plot(band.time_s, 100 * band.mean, color=COLORS[i], linestyle=LINES[i], label=f"cell {cell}")
+            axis.fill_between(band.time_s, 100 * band.low, 100 * band.high, color=COLORS[i], alpha=0.2, linewidth=0)
+        axis.set_title(f"N = {robots} ({len(left)} of {len(of_fleet)} runs)")
+        axis.set_xlabel("elapsed time (s)")
+        axis.set_ylim(0, 102)
+        axis.set_xlim(0, until_s)
+        if cells:
+            axis.legend(loc="lower right")
+    axes[0][0].set_ylabel("search rate (%)")
+    _caption(figure, study, "mean and 95 % confidence interval")
+    return figure
+
+
+def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
+    """Fig. 7: search time of all cells against transmission radius, a curve for each N, with the lower bounds."""
+    figure, axis = plt.subplots(figsize=(7.2, 4.8))
+    shown = usable(rows)
+    fleets = sorted({row["robots"] for row in shown})
+    variants = [variant.name for variant in study.variant] or [BASE]
+    for i, robots in enumerate(fleets):
+        color = COLORS[i % len(COLORS)]
+        for j, variant in enumerate(variants):
+            of_curve = [row for row in shown if row["robots"] == robots and row["variant"] == variant]
+            label = f"N = {robots}" if len(variants) == 1 else f"N = {robots}, {variant}"
+            style = _Style(color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)], 0.97 - 0.05 * (i + j * len(fleets)))
+            _curve(axis, of_curve, label, style)
+        axis.axvline(bounds.r_low_m(robots), color=color, linestyle=":", linewidth=1)
+        axis.annotate(
+            f"$r_{{low}}$, N = {robots}", (bounds.r_low_m(robots), 0.02), xycoords=("data", "axes fraction"),
+            rotation=90, va="bottom", ha="right", color=color, fontsize=7,
+        )  # fmt: skip
+    low_s, high_s = bounds.t_low_s
+    axis.axhspan(low_s, high_s, color="0.5", alpha=0.3, linewidth=0, label="$T_{low}$")
+    axis.set_xlabel("transmission radius $r_t$ (m)")
+    axis.set_ylabel("search time $T$ of all cells (s)")
+    axis.set_ylim(bottom=0)
+    axis.set_xlim(left=0)
+    axis.legend(loc="best")
+    _caption(
+        figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those; cross: none did"
+    )
+    return figure
+
+
+@dataclass(frozen=True)
+class _Style:
+    color: str
+    marker: str
+    line: str
+    none_at: float
+    """Height, as a share of the axes, at which radii stand that no run finished."""
+
+
+def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
+    """One N (and variant) of Fig. 7; points that not all runs finished are hollow, with how many did."""
+    radii, means, halves = [], [], []
+    color = style.color
+    for radius_m in sorted({row["radius_m"] for row in rows}):
+        here = [row for row in rows if row["radius_m"] == radius_m]
+        times = [row[ALL] for row in here if row[ALL] is not None]
+        found = estimate(times)
+        if not times:
+            axis.plot(radius_m, style.none_at, marker="x", color=color, ls="", transform=axis.get_xaxis_transform())
+            continue
+        if len(times) < len(here):
+            place = (radius_m, found.mean)
+            axis.plot(*place, marker=style.marker, color=color, mfc="white", ls="", ms=7, zorder=3)
+            words = f"{len(times)}/{len(here)}"
+            axis.annotate(words, place, xytext=(5, 3), textcoords="offset points", color=color, fontsize=7)
+        radii.append(radius_m)
+        means.append(found.mean)
+        halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
+    axis.errorbar(
+        radii, means, halves, color=color, marker=style.marker, ms=4, ls=style.line, lw=1.2, capsize=2.5, label=label
+    )
+
+
+def _variants(study: Study, rows: Sequence[Row]) -> Figure:
+    """An ablation: search time of each variant, a panel for each radius and N."""
+    shown = usable(rows)
+    panels = sorted({(row["robots"], row["radius_m"]) for row in shown})
+    names = [variant.name for variant in study.variant] or [BASE]
+    figure, axes = plt.subplots(
+        1, max(1, len(panels)), figsize=(3.2 + 3.2 * max(1, len(panels)), 1.2 + 0.3 * len(names)), sharey=True,
+        squeeze=False,
+    )  # fmt: skip
+    for axis, (robots, radius_m) in zip(axes[0], panels, strict=False):
+        for place, name in enumerate(names):
+            here = [r for r in shown if (r["robots"], r["radius_m"], r["variant"]) == (robots, radius_m, name)]
+            times = [row[ALL] for row in here if row[ALL] is not None]
+            found = estimate(times)
+            complete = len(times) == len(here)
+            if times:
+                half = 0.0 if math.isnan(found.half_width) else found.half_width
+                axis.errorbar(
+                    found.mean, place, xerr=half, marker="o", mfc=COLORS[0] if complete else "white", color=COLORS[0],
+                    capsize=2.5,
+                )  # fmt: skip
+            if here and not complete:
+                spot = (found.mean if times else 0.0, place)
+                axis.annotate(f"{len(times)}/{len(here)}", spot, xytext=(4, 4), textcoords="offset points", fontsize=7)
+        axis.set_title(f"N = {robots}, $r_t$ = {radius_m:g} m")
+        axis.set_xlabel("search time of all cells (s)")
+        axis.set_xlim(left=0)
+    axes[0][0].set_yticks(range(len(names)), names)
+    axes[0][0].invert_yaxis()
+    _caption(figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those")
+    return figure
+
+
+def _caption(figure: Figure, study: Study, words: str) -> None:
+    figure.suptitle(f"{study.title or study.name}\n{words}", fontsize=9)
+    figure.tight_layout()

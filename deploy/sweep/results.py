@@ -1,0 +1,197 @@
+"""The results of a study on disk: one tidy table, one of time series, and the exact scenario of every run.
+
+A finished run is written to a file of its own at once, and the files are merged into the tables at the end: an
+end by `kill -9` loses nothing but the runs in progress. Files appear under their names only when they are complete.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from deploy.sweep.plan import Point
+from deploy.sweep.row import ERROR, Finished
+
+__all__ = ["WALL_COLUMNS", "Results", "differences"]
+
+Row = dict[str, Any]
+Series = dict[str, list[float]]
+
+WALL_COLUMNS: Final = (
+    "wall_s",
+    "real_time_factor",
+    "tick_ms",
+    "tick_blame",
+    "tick_phases",
+    "ticked_unix_s",
+    "engine",
+    "code",
+)
+"""Columns, or tables of columns, that may differ between two runs of one scenario."""
+
+_FIRST: Final = ("key", "variant", "engine", "scenario", "seed", "robots", "radius_m", "status", "error")
+
+
+class Results:
+    """The folder of one study's results."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open or make the folder.
+
+        Raises:
+            OSError: it can't be made or written.
+        """
+        self.folder = folder
+        self._parts = folder / "parts"
+        self._scenarios = folder / "scenarios"
+        for path in (self._parts, self._scenarios):
+            path.mkdir(parents=True, exist_ok=True)
+
+    def rows(self) -> list[Row]:
+        """All rows, by key."""
+        rows = {row["key"]: row for row in _read(self.folder / "results.parquet")}
+        rows |= {part["row"]["key"]: part["row"] for part in self._read_parts()}
+        return [rows[key] for key in sorted(rows)]
+
+    def series(self) -> dict[str, Series]:
+        """Time series by key: `time_s` and each cell's search rate."""
+        series: dict[str, Series] = {}
+        for line in _read(self.folder / "series.parquet"):
+            of_run = series.setdefault(line["key"], {"time_s": []})
+            of_cell = of_run.setdefault(line["cell"], [])
+            of_cell.append(line["search_rate"])
+            if len(of_cell) > len(of_run["time_s"]):
+                of_run["time_s"].append(line["time_s"])
+        return series | {part["row"]["key"]: part["series"] for part in self._read_parts()}
+
+    def done(self, *, retry_failed: bool = False) -> set[str]:
+        """Keys of the runs that need not be run again."""
+        return {row["key"] for row in self.rows() if not (retry_failed and row["status"] in (ERROR, "failed"))}
+
+    def plan(self, points: Iterable[Point]) -> None:
+        """Write down the exact scenario of every run, before any of them starts."""
+        for point in points:
+            path = self.scenario_path(point.key)
+            if not path.exists():
+                _write(path, point.toml.encode())
+
+    def scenario_path(self, key: str) -> Path:
+        """`run_local.py --scenario` takes this file to repeat one run."""
+        return self._scenarios / f"{key}.toml"
+
+    def add(self, finished: Finished) -> None:
+        """Keep one finished run, durably."""
+        text = json.dumps({"row": finished.row, "series": finished.series})
+        _write(self._parts / f"{finished.row['key']}.json", text.encode())
+
+    def compact(self) -> None:
+        """Merge everything into results.parquet, results.csv and series.parquet."""
+        rows, series = self.rows(), self.series()
+        if not rows:
+            return
+        for row in rows:
+            path = self.scenario_path(row["key"])
+            row["scenario_toml"] = path.read_text("utf-8") if path.exists() else row.get("scenario_toml")
+        columns = _columns(rows)
+        table = pa.table({name: _array([row.get(name) for row in rows]) for name in columns})
+        _write_parquet(self.folder / "results.parquet", table)
+        _write_csv(self.folder / "results.csv", [name for name in columns if name != "scenario_toml"], rows)
+        _write_parquet(self.folder / "series.parquet", _series_table(series))
+        for part in self._parts.glob("*.json"):
+            part.unlink()
+
+    def note(self, facts: Mapping[str, Any]) -> None:
+        """Keep facts about the execution (command, machine, wall time), which are no part of any result."""
+        _write(self.folder / "study.json", (json.dumps(facts, indent=1) + "\n").encode())
+
+    def noted(self) -> dict[str, Any]:
+        """What `note` kept; empty if nothing yet."""
+        try:
+            return dict(json.loads((self.folder / "study.json").read_text("utf-8")))
+        except (OSError, ValueError):
+            return {}
+
+    def _read_parts(self) -> list[dict[str, Any]]:
+        return [json.loads(path.read_text("utf-8")) for path in sorted(self._parts.glob("*.json"))]
+
+
+def differences(left: Iterable[Row], right: Iterable[Row]) -> list[str]:
+    """Where runs that both tables have differ, one line each; wall-time columns aside."""
+    others = {row["key"]: row for row in right}
+    lines = []
+    for row in left:
+        other = others.get(row["key"])
+        if other is None:
+            continue
+        names = sorted(name for name in row.keys() | other.keys() if name.partition(".")[0] not in WALL_COLUMNS)
+        lines += [
+            f"{row['key']} {name}: {row.get(name)!r} against {other.get(name)!r}"
+            for name in names
+            if row.get(name) != other.get(name) and name != "scenario_toml"
+        ]
+    return lines
+
+
+def _columns(rows: list[Row]) -> list[str]:
+    seen = {name: None for row in rows for name in row}
+    return [*(name for name in _FIRST if name in seen), *(name for name in seen if name not in _FIRST)]
+
+
+def _array(values: list[Any]) -> Any:
+    """A column; of mixed types, such as "max" and 2.0, as text."""
+    try:
+        return pa.array(values)
+    except (pa.ArrowInvalid, pa.ArrowTypeError):
+        return pa.array([None if value is None else str(value) for value in values])
+
+
+def _series_table(series: Mapping[str, Series]) -> Any:
+    keys: list[str] = []
+    cells: list[str] = []
+    times: list[float] = []
+    rates: list[float] = []
+    for key in sorted(series):
+        of_run = series[key]
+        for cell in sorted(of_run.keys() - {"time_s"}):
+            keys += [key] * len(of_run[cell])
+            cells += [cell] * len(of_run[cell])
+            times += of_run["time_s"]
+            rates += of_run[cell]
+    columns = {"key": pa.array(keys, pa.string()), "cell": pa.array(cells, pa.string())}
+    columns |= {"time_s": pa.array(times, pa.float64()), "search_rate": pa.array(rates, pa.float64())}
+    return pa.table(columns)
+
+
+def _read(path: Path) -> list[Row]:
+    return list(pq.read_table(path).to_pylist()) if path.exists() else []
+
+
+def _write_parquet(path: Path, table: Any) -> None:
+    draft = path.with_name(path.name + ".part")
+    pq.write_table(table, draft, compression="zstd")
+    draft.replace(path)
+
+
+def _write_csv(path: Path, columns: list[str], rows: list[Row]) -> None:
+    draft = path.with_name(path.name + ".part")
+    with draft.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    draft.replace(path)
+
+
+def _write(path: Path, data: bytes) -> None:
+    draft = path.with_name(path.name + ".part")
+    with draft.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    draft.replace(path)

@@ -1,0 +1,135 @@
+"""One run of a study, wherever it is executed: from a scenario's text to a row of the table and its time series.
+
+A worker needs nothing but this package: the text comes with the task, and what it finds goes back with the result.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import tempfile
+import time
+import tomllib
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from deploy.run_folder.writer import RunFolder
+from deploy.scenario import Scenario, load
+from deploy.simulation import Observer, Simulation
+
+__all__ = ["ERROR", "Engine", "Finished", "code_version", "columns_of", "failed_row", "run_point"]
+
+Engine = Literal["in-process", "processes"]
+
+ERROR: Final = "error"
+"""Status of a run that ended by an exception; column `error` has its words."""
+
+_LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
+"""Tables of a scenario that are no columns: the floor plan, and what can't change a result."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a run left."""
+
+    row: dict[str, Any]
+    """Parameters and summary fields by column; nested tables dotted, lists as JSON text."""
+    series: dict[str, list[float]]
+    """`time_s`, and the search rate of each cell by its name: one value per step."""
+
+
+def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: int) -> Finished:
+    """Run a scenario to its end. Whatever goes wrong is recorded in the row instead of raised."""
+    begun = time.monotonic()
+    try:
+        with tempfile.TemporaryDirectory(prefix="vds-study-") as place:
+            return _run(key, variant, toml, engine, series_step_s, Path(place))
+    except Exception as error:  # one bad run must not end a study of hundreds
+        traceback.print_exc()
+        row = failed_row(key, variant, toml, engine, f"{type(error).__name__}: {error}")
+        return Finished({**row, "wall_s": round(time.monotonic() - begun, 3)}, {})
+
+
+def failed_row(key: str, variant: str, toml: str, engine: Engine, words: str) -> dict[str, Any]:
+    """The row of a run that came to no summary."""
+    return {**_head(key, variant, toml, engine), "status": ERROR, "error": words}
+
+
+def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, place: Path) -> Finished:
+    source = place / "scenario.toml"
+    source.write_text(toml, encoding="utf-8")
+    scenario = load(source)
+    with RunFolder(place / f"study-{key}", scenario) as folder:
+        summary = _in_process(scenario, folder) if engine == "in-process" else _with_processes(scenario, folder, place)
+    row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": None}
+    if summary["failures"]:
+        row |= {"status": ERROR, "error": str(summary["failures"][0])}
+    return Finished(row, folder.metrics.series(series_step_s))
+
+
+def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
+    result = Simulation(scenario, Observer(folder.snapshot, folder.event)).run()
+    return folder.finish(result.finals, result.wall_s)
+
+
+def _with_processes(scenario: Scenario, folder: RunFolder, place: Path) -> dict[str, Any]:
+    from bus.session import local_endpoint
+    from deploy.processes.launcher import Launcher
+    from deploy.screen.live_table import Silence
+
+    endpoint = local_endpoint(place, scenario.robots)
+    return Launcher(scenario, folder, endpoint, Silence(), record=False).run().summary
+
+
+def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
+    tables = tomllib.loads(toml)
+    parameters = columns_of({name: value for name, value in tables.items() if name not in _LEFT_OUT})
+    return {
+        "key": key,
+        "variant": variant,
+        "engine": engine,
+        "code": code_version(),
+        "scenario": tables["name"],
+        **parameters,
+    }
+
+
+@functools.cache
+def code_version() -> str:
+    """Digest of the modules that decide a run's result, as they are on this machine: the same when compiled."""
+    digest = hashlib.sha256()
+    root = Path(__file__).resolve().parent.parent.parent
+    for package in ("world", "medium", "agents", "monitor_station"):
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested table as one row: `{"frames": {"sent": 3}}` becomes `{"frames.sent": 3}`."""
+    row: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            row |= columns_of(value, f"{prefix}{key}.")
+        else:
+            row[prefix + key] = json.dumps(value) if isinstance(value, list | tuple) else value
+    return row
+
+
+def one_thread() -> None:
+    """Keep numerical libraries from starting threads: a study has a process per core already."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def end_with(lifeline: Any) -> None:
+    """End this process as soon as nobody holds the other end of a pipe any more. Runs in a thread of a worker."""
+    with contextlib.suppress(EOFError, OSError):
+        lifeline.recv()
+    os._exit(1)

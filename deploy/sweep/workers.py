@@ -1,0 +1,175 @@
+"""Runs of a study through the `concurrent.futures` interface: processes of this machine, or a Dask cluster.
+
+Only this process writes results, so workers need no shared disk; one that is lost costs the runs that it had in hand.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from deploy.sweep.plan import Point
+from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
+
+__all__ = ["DaskCluster", "Execution", "LocalPool"]
+
+
+class Workers(Protocol):
+    """Where runs are executed."""
+
+    at_once: int | None
+    """How many runs to hand over at a time; None = all, for a scheduler that queues and retries by itself."""
+
+    @property
+    def executor(self) -> Executor:
+        """The executor; after `renew` another one."""
+
+    def renew(self) -> None:
+        """Replace an executor whose worker was lost."""
+
+    def close(self) -> None:
+        """End all workers now, whatever they do."""
+
+
+class LocalPool:
+    """Processes of this machine. They end with this process, however it ends."""
+
+    def __init__(self, workers: int) -> None:
+        self.at_once: int | None = workers
+        self._workers = workers
+        self._context = multiprocessing.get_context("spawn")
+        self._open()
+
+    @property
+    def executor(self) -> Executor:
+        return self._executor
+
+    def renew(self) -> None:
+        self.close()
+        self._open()
+
+    def close(self) -> None:
+        # Workers go when the pipe does: a shutdown alone would wait for runs of minutes. Without waiting at all, the
+        # executor's own thread and the end of the interpreter get in each other's way.
+        self._lifeline.close()
+        self._held.close()
+        self._executor.shutdown(cancel_futures=True)
+
+    def _open(self) -> None:
+        self._held, self._lifeline = self._context.Pipe(duplex=False)
+        self._executor = ProcessPoolExecutor(self._workers, self._context, _begin_worker, (self._held,))
+
+
+class DaskCluster:
+    """The workers of a Dask cluster that is there already."""
+
+    at_once: int | None = None
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Raises:
+            OSError: nobody answers at that address.
+        """
+        import distributed
+
+        connect: Any = distributed.Client
+        self._client = connect(address, timeout="10s")
+        # Not `pure`: Dask would take equal arguments for a result that it has; failures are our own rows.
+        self._executor: Executor = self._client.get_executor(pure=False)
+
+    @property
+    def executor(self) -> Executor:
+        return self._executor
+
+    def renew(self) -> None:
+        """Nothing to do: the scheduler replaces its workers."""
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=False)
+        self._client.close()
+
+
+def _begin_worker(lifeline: Connection) -> None:
+    one_thread()
+    # Ctrl-C goes to the whole terminal; the study decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
+
+
+@dataclass
+class Execution:
+    """One pass over the runs that are still to do."""
+
+    workers: Workers
+    engine: Engine
+    series_step_s: int
+    run: Callable[[str, str, str, Engine, int], Finished] = run_point
+    _suspects: set[str] = field(default_factory=set)
+    """Keys of runs in whose company a worker died."""
+
+    def results(self, points: Sequence[Point]) -> Iterator[tuple[Point, Finished]]:
+        """Run all points; yields each as it ends, in whatever order that is."""
+        todo = deque(points)
+        running: dict[Future[Finished], Point] = {}
+        while todo or running:
+            lost = not self._hand_over(todo, running)
+            done = set(running) if lost else wait(running, return_when=FIRST_COMPLETED).done
+            victims: list[Point] = []
+            for future in done:
+                point = running.pop(future)
+                finished = self._outcome(future, point)
+                if finished is None:
+                    victims.append(point)
+                else:
+                    self._suspects.discard(point.key)
+                    yield point, finished
+            if not lost and not victims:
+                continue
+            victims += running.values()
+            running.clear()
+            self.workers.renew()
+            # A broken pool does not say whose worker died: each run that was in hand is tried once more, alone.
+            for point in victims:
+                if point.key in self._suspects:
+                    yield point, self._lost(point, "its worker process died, twice")
+                else:
+                    todo.appendleft(point)
+            self._suspects.update(point.key for point in victims)
+
+    def _hand_over(self, todo: deque[Point], running: dict[Future[Finished], Point]) -> bool:
+        """Fill the workers; False if they are broken."""
+        room = self.workers.at_once
+        while todo and (room is None or len(running) < room):
+            point = todo[0]
+            if running and (point.key in self._suspects or any(p.key in self._suspects for p in running.values())):
+                break
+            arguments = (point.key, point.variant, point.toml, self.engine, self.series_step_s)
+            try:
+                running[self.workers.executor.submit(self.run, *arguments)] = point
+            except BrokenProcessPool:
+                return False
+            todo.popleft()
+        return True
+
+    def _outcome(self, future: Future[Finished], point: Point) -> Finished | None:
+        """What a future holds; None if its worker was lost."""
+        if not future.done():
+            return None
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            return None
+        except Exception as error:  # such as Dask's KilledWorker: the study goes on without this run
+            return self._lost(point, f"{type(error).__name__}: {error}")
+
+    def _lost(self, point: Point, words: str) -> Finished:
+        return Finished(failed_row(point.key, point.variant, point.toml, self.engine, words), {})

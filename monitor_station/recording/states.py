@@ -1,0 +1,81 @@
+"""What each robot does, in one word."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from world.feed import Snapshot
+from world.terms import Mode
+
+
+class State(IntEnum):
+    """What `network/state/<robot>` shows."""
+
+    SEARCH = 0
+    RELAY = 1
+    RECOVERING = 2
+    LOST = 3
+    PAUSED = 4
+    DEAD = 5
+
+
+# An enumeration looks its members up by name each time.
+_SEARCH: Final = int(State.SEARCH)
+_RELAY: Final = int(State.RELAY)
+_RECOVERING: Final = int(State.RECOVERING)
+_LOST: Final = int(State.LOST)
+_PAUSED: Final = int(State.PAUSED)
+_DEAD: Final = int(State.DEAD)
+_OF_MODE: Final = {int(Mode.INNER): _RECOVERING, int(Mode.OUTER): _RECOVERING, int(Mode.LOST): _LOST}
+
+
+def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
+    """`State` of each robot, shape (n,); whoever takes no part is dead unless it is known to be `paused`."""
+    states: list[int] = []
+    rows = zip(
+        snapshot.nodes.tolist(), snapshot.present.tolist(), snapshot.cls.tolist(), snapshot.mode.tolist(), strict=True
+    )
+    for node, present, cls, mode in rows:
+        if not present:
+            states.append(_PAUSED if node in paused else _DEAD)
+        else:
+            states.append(_OF_MODE.get(mode, _RELAY if cls else _SEARCH))
+    return np.array(states, np.int64)
+
+
+class SteadyStates:
+    """States as a reader wants them: a relay that corrects its distance for a tick or two is still a relay.
+
+    A change among search, relay and recovering shows once it has lasted; lost, paused and dead show at once.
+    """
+
+    def __init__(self, robots: int, dwell_ticks: int = 10) -> None:
+        self._dwell_ticks = dwell_ticks
+        self._shown = np.full(robots, -1)
+        self._latest = np.full(robots, -1)
+        self._since = np.zeros(robots, np.int64)
+        self._settled: bytes | None = None
+        """What is shown, once nothing waits to be shown."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last states to be shown are shown, and stay until they change."""
+        return self._settled is not None
+
+    def update(self, tick: int, states: NDArray[np.int64]) -> NDArray[np.int64]:
+        """States to show at a tick, shape (n,)."""
+        key = states.tobytes()
+        if key == self._settled:
+            return self._shown
+        self._since[states != self._latest] = tick
+        self._latest = states
+        urgent = (states >= _LOST) | (self._shown >= _LOST) | (self._shown < 0)
+        lasting = tick - self._since >= self._dwell_ticks
+        self._shown = np.where(urgent | lasting, states, self._shown)
+        self._settled = key if self._shown.tobytes() == key else None
+        return self._shown

@@ -1,0 +1,116 @@
+"""What a person sees of a run."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from deploy.ctl import question
+from deploy.screen.live_table import LiveTable, PlainLines, state_of
+from world.feed import Event, Snapshot
+from world.terms import NOBODY, UNREACHABLE, Cls, Mode
+
+HERE = {"robot/1": 101, "robot/2": 102, "robot/3": 103}
+
+AT_1_S = Snapshot(
+    tick=10,
+    nodes=np.array([1, 2, 3], np.int16),
+    present=np.ones(3, np.uint8),
+    xy_m=np.zeros((3, 2)),
+    cls=np.array([Cls.RR, Cls.SR, Cls.SR], np.uint8),
+    mode=np.array([Mode.WALK, Mode.WALK, Mode.LOST], np.uint8),
+    hops=np.array([1, 2, UNREACHABLE], np.uint8),
+    nms=np.array([0, 1, NOBODY], np.int16),
+    msr=np.array([2, NOBODY, NOBODY], np.int16),
+    target_m=np.zeros((3, 2)),
+    search_rate=(1.0, 0.25),
+    merged=17,
+)
+
+
+def console(*, terminal: bool) -> tuple[Console, io.StringIO]:
+    shown = io.StringIO()
+    return Console(file=shown, force_terminal=terminal, width=100, color_system=None), shown
+
+
+def test_states() -> None:
+    assert [state_of(AT_1_S, row, HERE) for row in range(3)] == ["relay", "search", "lost"]
+    assert state_of(AT_1_S, 1, {"robot/1": 101}) == "gone"
+    paused = replace(AT_1_S, present=np.array([1, 0, 1], np.uint8))
+    assert state_of(paused, 1, HERE) == "out"
+    assert state_of(paused, 0, None) == "relay", "in one process nobody has a pid"
+
+
+def test_the_table_shows_each_robot_and_each_cell() -> None:
+    terminal, shown = console(terminal=True)
+    table = LiveTable(terminal, ("north", "south"))
+    table.processes(HERE)
+    table.snapshot(AT_1_S)
+    table.event(Event(10, "fault", 3, "robot 3 is killed"))
+    table.close()
+    lines = [" ".join(line.split()) for line in shown.getvalue().splitlines()]
+    assert any(line.endswith("1 101 RR 1 MS 2 relay") for line in lines)
+    assert any(line.endswith("2 102 SR 2 1 - search") for line in lines)
+    assert any(line.endswith("3 103 SR - - - lost") for line in lines)
+    assert any("south" in line and "25%" in line for line in lines)
+    assert any("1.0 s fault: robot 3 is killed" in line for line in lines)
+
+
+def test_the_table_of_a_hundred_robots_is_cut_off() -> None:
+    terminal, shown = console(terminal=True)
+    n = 100
+    zeros = np.zeros(n, np.uint8)
+    many = replace(
+        AT_1_S, nodes=np.arange(1, n + 1, dtype=np.int16), present=zeros, cls=zeros, mode=zeros, hops=zeros,
+        nms=np.zeros(n, np.int16), msr=np.zeros(n, np.int16),
+    )  # fmt: skip
+    table = LiveTable(terminal, ("north", "south"), tallest=20)
+    table.snapshot(many)
+    table.close()
+    assert "80 more" in shown.getvalue()
+
+
+def test_plain_lines_name_new_pids_and_tenths_of_progress_once() -> None:
+    plain, shown = console(terminal=False)
+    lines = PlainLines(plain)
+    lines.processes(HERE)
+    lines.processes({"robot/1": 101, "robot/2": 102})
+    lines.processes({"robot/1": 101, "robot/2": 102, "robot/3": 203})
+    for tick in (10, 11, 12):
+        lines.snapshot(replace(AT_1_S, tick=tick))
+    lines.event(Event(12, "role", 1, "robot 1 is now SR"))
+    out = shown.getvalue().splitlines()
+    assert out[0] == "pids: robot/1 101, robot/2 102, robot/3 103"
+    assert out[1] == "pids: robot/3 203"
+    assert len(out) == 3
+    assert "100% 25%" in out[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        ("kill 4", "fault kill:4@0"),
+        ("pause 4 5", "fault pause:4@0+5"),
+        ("restart relay:mid 5", "fault restart:relay:mid@0+5"),
+        ("jam 1,2 5", "fault jam:1,2@0+5"),
+        ("loss 0.3 10", "fault loss:0.3@0+10"),
+        ("speed 5", "speed 5"),
+        ("status", "status"),
+    ],
+)
+def test_commands_by_hand_become_what_the_world_understands(words: str, asked: str) -> None:
+    assert question(words.split()) == asked
+
+
+def test_the_first_routes_are_no_news_and_a_lost_one_is() -> None:
+    for terminal in (True, False):
+        where, shown = console(terminal=terminal)
+        view = LiveTable(where, ("north", "south")) if terminal else PlainLines(where)
+        view.event(Event(1, "link", 1, "robot 1 has a route to the MS"))
+        view.event(Event(300, "link", 1, "robot 1 lost its route to the MS"))
+        assert shown.getvalue() == "    30.0 s  link: robot 1 lost its route to the MS\n"
+        view.close()

@@ -1,0 +1,260 @@
+"""A run of real processes with next to nothing in them, for tests of how they keep step.
+
+World and medium are the real ones; robots and station answer every tick with one short frame.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+
+import agents.process
+import medium.process
+import monitor_station.process
+import world.process
+from bus.access import users_of
+from bus.keys import Keys
+from bus.session import Login, Mailbox, Session, credentials, free_endpoint
+from medium.config import MediumConfig
+from medium.messages import BROADCAST, Frame, Inbox
+from tests import ROOT
+from world.config import Lidar, WorldConfig
+from world.core import World
+from world.feed import Event, Signal, Snapshot, unpack_feed
+from world.grid import UNKNOWN, GridGeometry
+from world.messages import Motion, Report, Sense, Status, Stop
+
+# Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
+os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload(["pytest", "tests.helpers.small_run"])
+BROKEN = 13
+"""The seed of a world whose core raises."""
+
+GRID = GridGeometry(80, 80)
+
+
+class Speaker:
+    """Stands for a robot or the station: sends its incarnation and the number of frames that it heard."""
+
+    def __init__(self, config: Any, incarnation: int, first_tick: int) -> None:  # noqa: ARG002  # the core's signature
+        self._incarnation = incarnation
+
+    def _frames(self, inbox: Inbox | None) -> tuple[Frame, ...]:
+        heard = len(inbox.receptions) if inbox is not None else 0
+        return ((BROADCAST, bytes([self._incarnation, heard])),)
+
+    def table(self) -> None:
+        """Show nothing."""
+
+
+class BadSpeaker(Speaker):
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:  # noqa: ARG002
+        raise ZeroDivisionError(f"at tick {sense.tick}")
+
+
+class RobotSpeaker(Speaker):
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
+        return self._frames(inbox), Motion(sense.tick, 0.1, 0.0, Status())
+
+
+class StationSpeaker(Speaker):
+    merger = SimpleNamespace(cells=np.full(GRID.size, UNKNOWN, np.int8), merged=0)
+
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Report]:
+        return self._frames(inbox), Report(sense.tick, False, (0.0,), 0)
+
+    def journal(self) -> bytes:
+        return b"."
+
+    def restore(self, journal: bytes) -> int:
+        assert set(journal) == {ord(".")}
+        return len(journal)
+
+    def final(self) -> dict[str, Any]:
+        return {"spoke": True}
+
+
+def robot_process(node: int, login: Login, good: bool, log: str) -> None:
+    _into(log)
+    agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
+    agents.process.run(SimpleNamespace(node=node), login)  # type: ignore[arg-type]
+
+
+def station_process(login: Login, out: str, log: str) -> None:
+    _into(log)
+    monitor_station.process.Station = StationSpeaker  # type: ignore[attr-defined,misc,assignment]
+    config = SimpleNamespace(node=SimpleNamespace(geometry=GRID))
+    monitor_station.process.run(config, login, None, Path(out))  # type: ignore[arg-type]
+
+
+def medium_process(config: MediumConfig, login: Login, users: dict[str, str], log: str) -> None:
+    _into(log)
+    medium.process.run(config, login, users)
+
+
+class BrokenWorld(World):
+    def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None:
+        if self.tick == 50:
+            raise ZeroDivisionError("at tick 50")
+        return super().end(motions, report)
+
+
+def world_process(config: WorldConfig, login: Login, log: str) -> None:
+    _into(log)
+    if config.seed == BROKEN:
+        world.process.World = BrokenWorld  # type: ignore[misc]
+    world.process.run(config, login)
+
+
+def _into(log: str) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with Path(log).open("ab") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+
+
+class SmallRun:
+    """Processes of one run, and what a launcher hears of it."""
+
+    def __init__(self, folder: Path, robots: int = 3, **config: Any) -> None:
+        self.folder = folder
+        self.logins = credentials("small", free_endpoint(), robots)
+        free = np.zeros((GRID.rows, GRID.cols), np.bool_)
+        self.world = WorldConfig(
+            **{
+                "seed": 1,
+                "robots": robots,
+                "geometry": GRID,
+                "occupied": free,
+                "station_m": (20.0, 20.0),
+                "starts_m": np.array([(15.0, 20.0 + i) for i in range(robots)]),
+                "top_speed_m_s": 0.5,
+                "duration_s": 1e6,
+                "lidar": Lidar(interval_ticks=10**6),
+            }
+            | config
+        )
+        self.medium = MediumConfig(seed=1, radius_m=50.0, geometry=GRID, occupied=free)
+        self.processes: dict[str, BaseProcess] = {}
+        self.finals: dict[str, dict[str, Any]] = {}
+        self.events: list[Event] = []
+        self.signals: list[Signal] = []
+        self.snapshots: list[Snapshot] = []
+        self._mailbox = Mailbox()
+        self._operator: Session | None = None
+
+    def start(self, *, absent: int | None = None) -> None:
+        self._start("medium", medium_process, self.medium, self.logins["medium"], users_of(self.logins))
+        self.start_station("station")
+        for node in range(1, self.world.robots + 1):
+            if node != absent:
+                self.start_robot(node)
+        self._operator = session = Session.connect(self.logins["operator"], watching=True)
+        session.subscribe(self._mailbox, session.keys.final("*"), session.keys.feed)
+        session.subscribe(self._mailbox, session.keys.event, session.keys.signal)
+        self._start("world", world_process, self.world, self.logins["world"])
+
+    def start_robot(self, node: int, name: str | None = None, *, good: bool = True) -> None:
+        self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], good)
+
+    def start_station(self, name: str) -> None:
+        self._start(name, station_process, self.logins["station"], str(self.folder))
+
+    def log(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text()
+
+    def signal(self, name: str, number: int) -> None:
+        pid = self.processes[name].pid
+        assert pid is not None
+        os.kill(pid, number)
+
+    def command(self, line: str) -> str:
+        assert self._operator is not None
+        return self._operator.ask(self._operator.keys.control, line)
+
+    def until(self, condition: Callable[[], bool], what: str, timeout_s: float = 20.0) -> None:
+        """Take in what the run says until a condition holds."""
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            message = self._mailbox.get(0.05)
+            if message is not None:
+                self._take(*message)
+            if time.monotonic() > deadline:
+                logs = {path.name: path.read_text()[-500:] for path in self.folder.glob("*.log")}
+                pytest.fail(f"not within {timeout_s} s: {what}; last words of {list(self.finals)}; {logs}")
+
+    def ticks(self, count: int) -> None:
+        """Let the run go on for at least `count` ticks."""
+        end = self.tick + count
+        self.until(lambda: self.tick >= end, f"tick {end}")
+
+    @property
+    def tick(self) -> int:
+        return self.snapshots[-1].tick if self.snapshots else 0
+
+    def present(self, node: int) -> bool:
+        return bool(self.snapshots and self.snapshots[-1].present[node - 1])
+
+    def exit_codes(self, *names: str, timeout_s: float = 5.0) -> list[int | None]:
+        """How the named processes ended, which they must within `timeout_s`."""
+        self.until(lambda: all(self.processes[n].exitcode is not None for n in names), f"end of {names}", timeout_s)
+        return [self.processes[name].exitcode for name in names]
+
+    def interrupt(self) -> None:
+        """End the run and wait for the last words."""
+        self.command("interrupt")
+        self.until(lambda: len(self.finals) == 3, "the final counts")
+
+    def close(self) -> None:
+        if self._operator is not None:
+            self._operator.close()
+        for process in self.processes.values():
+            process.kill()
+            process.join()
+            process.close()
+
+    def _start(self, name: str, target: Callable[..., None], *args: Any) -> None:
+        log = str(self.folder / f"{name}.log")
+        process = PROCESSES.Process(target=target, args=(*args, log), name=name, daemon=True)
+        process.start()
+        self.processes[name] = process
+
+    def _take(self, key: str, data: bytes | None) -> None:
+        assert data is not None
+        kind, process = Keys.kind_of(key)
+        if kind == "final":
+            self.finals[process] = msgpack.unpackb(data)
+        elif kind == "event":
+            self.events.append(Event.decode(data))
+        elif kind == "signal":
+            self.signals.append(Signal.decode(data))
+        else:
+            self.snapshots += unpack_feed(data)
+
+
+@contextlib.contextmanager
+def small_run(robots: int = 3, *, absent: int | None = None, **config: Any) -> Iterator[SmallRun]:
+    """A started run whose first ticks have passed (unless a robot is absent); whatever is left of it is ended."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = SmallRun(Path(folder), robots, **config)
+        try:
+            run.start(absent=absent)
+            if absent is None:
+                run.until(lambda: run.tick > 0, "the first ticks", 30.0)
+            yield run
+        finally:
+            run.close()

@@ -1,0 +1,1 @@
+"""Tests of the monitor station and its recording."""

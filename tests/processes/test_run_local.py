@@ -1,0 +1,377 @@
+"""`deploy/run_local.py` as a user meets it: bad input, a run, Ctrl-C, and processes that are killed under it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bus.session import BusError, Login, Session, free_endpoint, port_of
+from tests import ROOT
+from tests.helpers.waiting import alive, wait_until
+
+SCRIPT = ROOT / "deploy" / "run_local.py"
+CTL = ROOT / "deploy" / "ctl.py"
+LONG = ["--duration", "3000", "--robots", "3"]
+"""Too few robots to finish, and more time than any of these tests takes."""
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, str(SCRIPT), *map(str, arguments)]
+
+
+def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=120, cwd=cwd, check=False)
+
+
+def no_image(tmp_path: Path) -> Path:
+    (tmp_path / "map.pgm").write_text("this is no image")
+    return map_file(tmp_path)
+
+
+def map_file(tmp_path: Path) -> Path:
+    path = tmp_path / "map.yaml"
+    path.write_text(
+        "image: map.pgm\nresolution: 0.5\norigin: [0.0, 0.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return path
+
+
+def station_in_wall(tmp_path: Path) -> Path:
+    path = tmp_path / "in_wall.toml"
+    text = (ROOT / "deploy" / "scenarios" / "three_cells.toml").read_text()
+    changed, count = re.subn(r"(?m)^(position_m\s*=\s*).*$", r"\g<1>[1.0, 1.0]", text)
+    assert count == 1
+    path.write_text(changed)
+    return path
+
+
+BAD: dict[str, tuple[Callable[[Path], list[object]], str]] = {
+    "no robots": (lambda _: ["--robots", 0], "robots"),
+    "negative robots": (lambda _: ["--robots", -3], "robots"),
+    "robots no number": (lambda _: ["--robots", "many"], "--robots"),
+    "unknown scenario": (lambda _: ["--scenario", "three_cell"], "three_cells"),
+    "unknown key": (lambda _: ["--set", "radius=25"], "radius_m"),
+    "radius nan": (lambda _: ["--radius", "nan"], "radius"),
+    "bad speed": (lambda _: ["--speed", "fast"], "speed"),
+    "bad fault": (lambda _: ["--fault", "kil:4@60"], "kil"),
+    "fault without a robot": (lambda _: ["--robots", 3, "--fault", "kill:4@60"], "4"),
+    "missing map": (lambda tmp: ["--scenario", tmp / "none.yaml"], "none.yaml"),
+    "missing image": (lambda tmp: ["--scenario", map_file(tmp)], "map.pgm"),
+    "no image": (lambda tmp: ["--scenario", no_image(tmp)], "map.pgm"),
+    "station in a wall": (lambda tmp: ["--scenario", station_in_wall(tmp)], "wall"),
+    "folder under a file": (lambda _: ["--out", "/dev/null/run"], "/dev/null/run"),
+    "port out of range": (lambda _: ["--port", 70000], "70000"),
+    "unknown option": (lambda _: ["--robot-count", 3], "--robot-count"),
+    "replay of no run": (lambda tmp: ["--replay-faults", tmp / "none"], "none/summary.json"),
+    "comparison with no run": (lambda tmp: ["--compare", tmp / "none"], "none/summary.json"),
+    "unknown policy": (lambda _: ["--policy", "vdss"], "vdss"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_clear_line_and_status_2(name: str, tmp_path: Path) -> None:
+    arguments, word = BAD[name]
+    out = [] if "--out" in arguments(tmp_path) else ["--out", tmp_path / "run"]
+    ended = run(*out, *arguments(tmp_path))
+    assert ended.returncode == 2, ended.stderr
+    assert word in ended.stderr
+    assert ended.stderr.count("\n") == 1, ended.stderr
+    assert ended.stdout == ""
+    assert not (tmp_path / "run").exists(), "nothing is left behind"
+
+
+def test_a_port_in_use_is_named(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        ended = run("--port", port, "--out", tmp_path / "run")
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert str(port) in ended.stderr
+
+
+def test_the_router_is_a_socket_or_a_port_and_nothing_of_it_stays(tmp_path: Path) -> None:
+    short = Path(tempfile.mkdtemp(prefix="vds-test-"))
+    digests = set()
+    for name, port in ("socket", []), ("port", ["--port", port_of(free_endpoint())]):
+        out = tmp_path / name
+        ended = subprocess.run(
+            command("--robots", 2, "--duration", 3, "--out", out, "-q", *port),
+            env=dict(os.environ, TMPDIR=str(short)), timeout=120, check=False,
+        )  # fmt: skip
+        assert ended.returncode == 0
+        assert not list(short.iterdir())
+        digests.add(json.loads((out / "summary.json").read_text())["trace_sha256"])
+    short.rmdir()
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize("script", [["run_local.py", "--robots", "9"], ["ctl.py", "status"], ["study.py", "fig6"]])
+def test_without_its_dependencies_it_says_how_to_get_them(script: list[str], tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "deploy", tmp_path / "deploy", ignore=shutil.ignore_patterns("__pycache__"))
+    bare = [sys.executable, "-S", "-I", str(tmp_path / "deploy" / script[0]), *script[1:]]
+    ended = subprocess.run(bare, capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert "make setup" in ended.stderr
+    assert f".venv/bin/python deploy/{script[0]}" in ended.stderr
+
+
+class Running:
+    """A run under way, started as a user starts it."""
+
+    def __init__(self, out: Path, *arguments: object) -> None:
+        self.out = out
+        self.session: Session | None = None
+        self.process = subprocess.Popen(
+            command("--out", out, *arguments),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def pids(self) -> dict[str, int]:
+        try:
+            return json.loads((self.out / "pids.json").read_text())  # type: ignore[no-any-return]
+        except FileNotFoundError:
+            return {}
+
+    def status(self) -> dict[str, Any] | None:
+        """What the world says; None before it answers."""
+        if self.process.poll() is not None:
+            _, words = self.process.communicate()
+            pytest.fail(f"the run has ended with status {self.process.returncode}: {words}")
+        try:
+            if self.session is None:
+                told = json.loads((self.out / "operator.json").read_text())
+                login = Login(told["run"], told["endpoint"], told["user"], told["password"])
+                self.session = Session.connect(login, watching=True, timeout_s=10)
+            answer = self.session.ask(self.session.keys.control, "status", timeout_s=2)
+        except (FileNotFoundError, BusError):
+            return None
+        return json.loads(answer)  # type: ignore[no-any-return]
+
+    def simulated_s(self) -> float:
+        status = self.status()
+        return -1.0 if status is None else float(status["tick"]) / 10
+
+    def wait_for(self, seconds: float) -> dict[str, int]:
+        """Wait until so much is simulated; returns the pids."""
+        wait_until(lambda: self.simulated_s() >= seconds, 60, f"{seconds} s simulated")
+        return self.pids()
+
+    def press_ctrl_c(self) -> None:
+        """As a terminal does it: to the whole process group."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def ended(self, timeout_s: float) -> tuple[int, str, str]:
+        out, errors = self.process.communicate(timeout=timeout_s)
+        return self.process.returncode, out, errors
+
+    def summary(self) -> dict[str, Any]:
+        return json.loads((self.out / "summary.json").read_text())  # type: ignore[no-any-return]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    runs: list[Running] = []
+
+    def begin(*arguments: object) -> Running:
+        runs.append(Running(tmp_path / f"run-{len(runs)}", *arguments))
+        return runs[-1]
+
+    yield begin
+    for each in runs:
+        if each.session is not None:
+            each.session.close()
+        pids = [pid for name, pid in each.pids().items() if name != "launcher"]
+        each.process.kill()
+        each.process.communicate()
+        wait_until(lambda pids=pids: not any(map(alive, pids)), 5, "no process is left")  # type: ignore[misc]
+
+
+def gone(pids: dict[str, int], but: tuple[str, ...] = ()) -> bool:
+    return not any(alive(pid) for name, pid in pids.items() if name not in but)
+
+
+@pytest.mark.processes
+def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callable[..., Running]) -> None:
+    running = start("--robots", 3, "--duration", 20)
+    status, out, errors = running.ended(90)
+    assert (status, errors) == (0, "")
+    summary = running.summary()
+    assert (summary["status"], summary["ticks"], summary["robots"]) == ("time_limit", 200, 3)
+    assert summary["wall_clock_faults"] == 0
+    assert re.fullmatch("[0-9a-f]{64}", summary["trace_sha256"])
+    assert len((running.out / "metrics.csv").read_text().splitlines()) == 21
+    left = {path.name for path in running.out.iterdir()}
+    assert {"recording.rrd", "scenario.toml", "map.yaml", "map.pgm", "events.jsonl", "pids.json", "logs"} <= left
+    assert "operator.json" not in left
+    assert {path.name for path in (running.out / "logs").iterdir()} == {
+        "world.log", "medium.log", "station.log", "robot-1.log", "robot-2.log", "robot-3.log",
+    }  # fmt: skip
+    assert "time_limit" in out
+    assert gone(running.pids())
+
+
+@pytest.mark.processes
+def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[..., Running]) -> None:
+    running = start("--robots", 3, "--duration", 10, "--speed", 10)
+    pids = running.wait_for(1)
+    os.kill(running.process.pid, signal.SIGSTOP)
+    wait_until(lambda: gone(pids, but=("launcher", "medium")), 30, "only launcher and medium are left")
+    medium = os.pidfd_open(pids["medium"])
+    assert select.select([medium], [], [], 1.5)[0] == [], "the medium hosts the router: it stays until all is heard"
+    os.close(medium)
+    os.kill(running.process.pid, signal.SIGCONT)
+    status, _, errors = running.ended(30)
+    assert (status, errors) == (0, "")
+    assert running.summary()["trace_sha256"] is not None
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los")])
+def test_the_same_run_in_one_process_has_the_same_digest(
+    start: Callable[..., Running], options: tuple[object, ...]
+) -> None:
+    of_all = ("--robots", 3, "--duration", 20, "--no-recording", *options)
+    many, one = (start(*of_all, *more) for more in ([], ["--in-process"]))
+    assert many.ended(90)[0] == one.ended(90)[0] == 0
+    for key in ("trace_sha256", "status", "ticks", "search_rate", "connected_fraction", "scan_reports", "frames"):
+        assert many.summary()[key] == one.summary()[key], key
+    assert not (many.out / "recording.rrd").exists()
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("end", [Running.press_ctrl_c, lambda running: running.process.terminate()])
+def test_an_interrupted_run_keeps_what_it_has(start: Callable[..., Running], end: Callable[[Running], None]) -> None:
+    running = start(*LONG)
+    pids = running.wait_for(5)
+    end(running)
+    status, _, errors = running.ended(8)
+    assert (status, errors) == (0, "")
+    assert gone(pids)
+    assert running.summary()["status"] == "interrupted"
+    assert running.summary()["simulated_s"] >= 5
+    assert_readable(running.out / "recording.rrd")
+
+
+@pytest.mark.processes
+def test_an_interrupt_while_it_starts_leaves_no_process(start: Callable[..., Running]) -> None:
+    running = start(*LONG)
+    wait_until(lambda: bool(running.pids()), 30, "the processes are started")
+    running.press_ctrl_c()
+    status, _, errors = running.ended(8)
+    assert (status, errors) == (0, "")
+    assert running.summary()["status"] == "interrupted"
+    assert gone(running.pids())
+
+
+@pytest.mark.processes
+def test_a_killed_and_a_hung_agent_cost_the_run_nothing_but_themselves(start: Callable[..., Running]) -> None:
+    running = start("--robots", 4, "--duration", 60, "--speed", 20, "--set", "deadlines.hang_s=0.5")
+    pids = running.wait_for(3)
+    os.kill(pids["robot/2"], signal.SIGKILL)
+    os.kill(pids["robot/3"], signal.SIGSTOP)
+    status, _, errors = running.ended(60)
+    assert (status, errors) == (0, "")
+    summary = running.summary()
+    assert (summary["status"], summary["ticks"]) == ("time_limit", 600)
+    assert summary["wall_clock_faults"] == 2
+    assert {fault["target"] for fault in summary["faults"]} == {"2", "3"}
+    assert {2, 3} <= {json.loads(line)["node"] for line in events_of(running.out, "fault")}
+    assert gone(pids)
+
+
+@pytest.mark.processes
+def test_an_agent_that_raises_is_named_with_its_last_words_while_the_run_goes_on(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "tests.helpers.failing_agent", str(tmp_path)],
+        capture_output=True, text=True, timeout=90, check=False, env=dict(os.environ, PYTHONPATH=str(ROOT)),
+    )  # fmt: skip
+    assert ended.returncode == 1, ended.stderr
+    assert re.search(r"robot/2 \(pid \d+\) exited with status 1", ended.stdout)
+    assert "ArithmeticError: a robot that can't go on" in ended.stdout
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["status"], summary["ticks"], len(summary["failures"])) == ("time_limit", 100, 1)
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("victim", ["world", "medium"])
+def test_without_world_or_medium_the_run_has_failed(start: Callable[..., Running], victim: str) -> None:
+    running = start(*LONG)
+    pids = running.wait_for(3)
+    os.kill(pids[victim], signal.SIGKILL)
+    wait_until(lambda: gone(pids, but=("launcher",)), 5, "everybody else is gone")
+    status, _, errors = running.ended(5)
+    assert status == 1
+    assert f"{victim} (pid {pids[victim]}) ended by SIGKILL" in errors
+    assert running.summary()["status"] == "failed"
+    assert_readable(running.out / "recording.rrd")
+
+
+@pytest.mark.processes
+def test_a_killed_launcher_leaves_nobody_behind_and_a_readable_recording(start: Callable[..., Running]) -> None:
+    running = start(*LONG)
+    pids = running.wait_for(3)
+    os.kill(pids["robot/1"], signal.SIGSTOP)
+    running.process.kill()
+    running.process.communicate()
+    wait_until(lambda: gone(pids), 5, "everybody is gone")
+    assert_readable(running.out / "recording.rrd")
+
+
+@pytest.mark.processes
+def test_a_hand_on_the_run(start: Callable[..., Running]) -> None:
+    """hold, step, kill and speed by ctl.py."""
+
+    def ctl(*words: str) -> subprocess.CompletedProcess[str]:
+        asked = [sys.executable, str(CTL), "--run", str(running.out), *words]
+        return subprocess.run(asked, capture_output=True, text=True, timeout=30, check=False)
+
+    running = start(*LONG, "--speed", 20)
+    pids = running.wait_for(1)
+    assert (running.out / "operator.json").stat().st_mode & 0o077 == 0
+    assert ctl("hold").returncode == 0
+    held = running.simulated_s()
+    assert running.simulated_s() == held
+    assert ctl("step").returncode == 0
+    wait_until(lambda: running.simulated_s() == pytest.approx(held + 0.1), 5, "one tick")
+    assert ctl("kill", "99").returncode == 1
+    assert ctl("kill", "2").returncode == 0
+    assert ctl("speed", "max").returncode == 0
+    wait_until(lambda: not alive(pids["robot/2"]), 5, "robot 2 is dead")
+    running.wait_for(held + 20)
+    assert ctl("interrupt").returncode == 0
+    assert running.ended(8)[0] == 0
+    assert [fault["verb"] for fault in running.summary()["faults"]] == ["kill"]
+
+
+def events_of(out: Path, kind: str) -> list[str]:
+    return [line for line in (out / "events.jsonl").read_text().splitlines() if json.loads(line)["kind"] == kind]
+
+
+def assert_readable(recording: Path) -> None:
+    """Read it in a process of its own: Rerun must not be loaded into the one that runs the tests."""
+    program = (
+        "import sys, rerun.chunk as c; print(len({chunk.entity_path for chunk in c.RrdReader(sys.argv[1]).stream()}))"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program, str(recording)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert told.returncode == 0, told.stderr
+    assert int(told.stdout) > 5

@@ -1,0 +1,40 @@
+"""What an operator says to a run under way: commands of pace, and faults by hand."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from world.config import Fault
+from world.faults import check_fault, parse_fault
+from world.pace import Pace
+
+__all__ = ["Control"]
+
+
+class Control:
+    """Answers the operator, in a thread of the session's; faults wait until the world takes them in its own thread."""
+
+    def __init__(self, pace: Pace, robots: int, status: Callable[[], dict[str, Any]]) -> None:
+        """`status`: how the run stands, JSON types; part of every answer."""
+        self._pace, self._robots, self._status = pace, robots, status
+        self._faults: deque[Fault] = deque()
+
+    def answer(self, line: str) -> str:
+        """Obey one of `pace.COMMANDS`; returns JSON."""
+        word, _, rest = line.partition(" ")
+        if word != "fault":
+            return self._pace.command(line, self._status)
+        try:
+            fault = parse_fault(rest)
+            check_fault(fault, self._robots)
+        except ValueError as error:
+            return json.dumps({"error": str(error)})
+        self._faults.append(fault)
+        return json.dumps(self._status() | {"fault": rest})
+
+    def take(self) -> list[Fault]:
+        """Faults by hand since the last call."""
+        return [self._faults.popleft() for _ in range(len(self._faults))]

@@ -1,0 +1,114 @@
+"""Who is silent, and whose fault that is: a node that hangs, or the medium, past which nothing gets here.
+
+Nothing of a node gets to the world past a medium that is stopped, for the medium hosts the router. So a silence counts
+against nodes only while the medium answers pings, and before a node is given up the medium passes on what it holds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Final
+
+from bus.lockstep import Patience
+from world.config import WorldConfig
+
+__all__ = ["RunError", "Silence"]
+
+_PING_AFTER_S: Final = Patience.SLICE_S / 2
+"""The medium is pinged once nothing has come in for this long."""
+
+
+class RunError(Exception):
+    """The run can't go on: somebody who is needed is not there, or does not answer."""
+
+
+class Silence:
+    """Judges the silence of nodes, then of the medium, in one tick after the other."""
+
+    def __init__(self, config: WorldConfig, ping: Callable[[], None]) -> None:
+        """`ping`: sends the medium a ping, which it answers once it has passed on all that it holds."""
+        self._config = config
+        self._ping = ping
+        self._owing: Patience | None = None
+        """Since when the medium owes an answer."""
+        self._answers = 0
+        self._heard_s = time.monotonic()
+        """When something came in last."""
+        self._waited = Patience(self._heard_s)
+        """For whom the tick waits at present: the nodes, then the medium."""
+        self._sure: int | None = None
+        """How many answers there will be when the medium has passed on all that it held at the nodes' deadline."""
+
+    def heard(self) -> None:
+        """Something came in."""
+        self._heard_s = time.monotonic()
+
+    def answered(self) -> None:
+        """The medium answered a ping."""
+        self._owing = None
+        self._answers += 1
+
+    @property
+    def owed(self) -> int:
+        """Pings that the medium has not answered: 0 or 1."""
+        return int(self._owing is not None)
+
+    def wait(self) -> None:
+        """A wait begins: for the nodes of a tick, or for the medium."""
+        self._waited = Patience(time.monotonic())
+        self._sure = None
+
+    def given_up(self, missing: Collection[int], excused: Collection[int], *, interrupted: bool) -> list[int]:
+        """Nodes whose silence is over the deadline and is their own, ascending; to be asked in every slice.
+
+        Args:
+            missing: nodes that the tick waits for; not empty.
+            excused: nodes at their first tick, which have the longer deadline of a return, unless interrupted.
+            interrupted: the run is to end: nobody is given longer than the deadline of a node that hangs.
+
+        Raises:
+            RunError: the medium does not answer.
+        """
+        now_s = time.monotonic()
+        if not self._medium_answers(now_s, interrupted=interrupted):
+            self._waited.excuse(now_s)
+            return []
+        waited_s = self._waited.wait(now_s)
+        if waited_s <= self._config.hang_deadline_s:
+            return []
+        if self._sure is None:
+            self._sure = self._answers + 1
+            self._ask(now_s)
+        if self._answers < self._sure:
+            return []
+        self._sure = None
+        late = waited_s > self._config.return_deadline_s
+        return sorted(node for node in missing if interrupted or late or node not in excused)
+
+    def check_medium(self, *, interrupted: bool) -> None:
+        """While the tick waits for the medium alone, to be called in every slice.
+
+        Raises:
+            RunError: it has done so for longer than the medium's deadline.
+        """
+        self._hold_to_deadline(self._waited.wait(time.monotonic()), interrupted=interrupted)
+
+    def _medium_answers(self, now_s: float, *, interrupted: bool) -> bool:
+        if self._owing is None:
+            if now_s - self._heard_s > _PING_AFTER_S:
+                self._ask(now_s)
+            return True
+        self._hold_to_deadline(self._owing.wait(now_s), interrupted=interrupted)
+        return False
+
+    def _hold_to_deadline(self, waited_s: float, *, interrupted: bool) -> None:
+        deadline_s = self._config.hang_deadline_s if interrupted else self._config.medium_deadline_s
+        if waited_s > deadline_s:
+            raise RunError(f"the medium was silent for {deadline_s:g} s")
+
+    def _ask(self, now_s: float) -> None:
+        """Ping the medium, unless it owes an answer."""
+        if self._owing is None:
+            self._owing = Patience(now_s)
+            self._ping()

@@ -1,0 +1,51 @@
+"""The terms that all packages above `world` use: ticks, ids of nodes, classes and modes of robots, and their limits."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+from bus.nodes import MAX_NODE, NOBODY, STATION
+
+__all__ = [
+    "MAX_NODE", "MAX_TICK", "NOBODY", "STATION", "TICK_S", "UNREACHABLE", "Cls", "Mode", "seconds_of", "tick_of",
+]  # fmt: skip
+
+TICK_S: Final = 0.1
+"""Simulated seconds of one tick (paper, III: ten forwarding-table updates per second)."""
+
+MAX_TICK: Final = 2**31 - 1
+
+UNREACHABLE: Final = 255
+"""Hop count of an infinite metric."""
+
+
+class Cls(IntEnum):
+    """Class of a robot (paper, II-A.2)."""
+
+    SR = 0
+    RR = 1
+
+
+class Mode(IntEnum):
+    """What a robot is doing: the branch of its behavior algorithm (paper, Fig. 3)."""
+
+    WALK = 0
+    INNER = 1
+    """Inner link recovery: traces its NMS."""
+    OUTER = 2
+    """Outer link recovery: traces its NMSR."""
+    LOST = 3
+    """No route to the MS: autonomous path recovery."""
+    WAIT = 4
+    """Stands still (no target, or a rule of the policy holds it)."""
+
+
+def tick_of(at_s: float) -> int:
+    """The tick at which simulated time `at_s` falls, or the number of ticks that a duration takes."""
+    return round(at_s / TICK_S)
+
+
+def seconds_of(ticks: int) -> float:
+    """Simulated time of a tick, or of a number of ticks: without the last bits of `ticks * TICK_S`."""
+    return round(ticks * TICK_S, 1)
