@@ -1,4 +1,4 @@
-"""What a policy has at hand: the robot's own senses, map, table and legs. Nothing here was not sensed or heard."""
+"""What a policy reads and drives: the robot's pose, map, planner and router. All of it was sensed or heard."""
 
 from __future__ import annotations
 

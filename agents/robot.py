@@ -1,4 +1,4 @@
-"""The core of one robot: absorbs what it sensed and heard at a tick, decides, then says what it sends and does."""
+"""The core of one robot: it absorbs what it sensed and heard at a tick, decides, and returns its frames and motion."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Robot:
     """Sans-IO: no clock, no threads, no Zenoh. One instance is one incarnation."""
 
     def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
-        """A new incarnation of a robot stays silent and deaf on routes while its old routes die out (PROCEDURE 2)."""
+        """A new incarnation sends and learns no routes while its old routes die out [paper 2.10]."""
         quiet_until = config.rules.routing.quiet_until(incarnation, first_tick)
-        # A text seeds the same way on every machine and under every PYTHONHASHSEED.
+        # A string seeds the same way on every machine and under every PYTHONHASHSEED.
         rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config
         self.mark: Mark = unmarked
-        """Told at the end of each phase of a step."""
+        """Called at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
         self.policy = policy_class(config.policy)(self.body)
         reporting = config.rules.reporting
@@ -48,7 +48,7 @@ class Robot:
         self.bad_frames = 0
         self._action = Action((0.0, 0.0), Mode.WAIT, Cls.SR, self.body.at)
         self._shown: object = None
-        """Of the table that was shown last, all but the locations."""
+        """The forwarding table that was shown last, without its locations."""
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
         """One tick.
@@ -83,10 +83,10 @@ class Robot:
             self.body.map.apply(cells, values)
 
     def _scan(self, sense: Sense) -> None:
-        """Integrate a scan and report what it changed."""
+        """Integrate a scan, and report what it changed."""
         if not self._store_and_forward and self.body.router.ms.nms == NOBODY:
-            # The paper's rule: a point counts only if the robot has a path to the MS meanwhile. What is not taken into
-            # the map now will be news again later.
+            # A point counts only if the robot has a path to the MS meanwhile [paper 7.2]. The map leaves the scan out
+            # too, so that its cells are new again later.
             self.uplink.discarded += 1
             return
         assert sense.ranges_m is not None
@@ -120,7 +120,7 @@ class Robot:
         )  # fmt: skip
 
     def table(self) -> Table | None:
-        """Show the forwarding table for the recording, once a second at most; None if nothing but locations changed."""
+        """The forwarding table for the recording, once a second at most; None if only locations changed since."""
         tick, router, msr = self.body.tick, self.body.router, self._action.msr
         if (tick + self.config.node) % _TABLE_INTERVAL_TICKS:
             return None

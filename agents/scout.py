@@ -1,23 +1,23 @@
-"""Policy scout: our own rules on top of the paper's, for radios that walls stop. First that applies:
+"""Policy scout: our own rules on top of the paper's, for radios that walls stop (docs/scout.md). First that applies:
 
-1. No route                                    APR, as in the paper.
+1. No route                                    APR, as in `vds`.
 2. NMS silent, d_in or p(me, NMS) > r_in'      trace the NMS, look for a potential NMS.
 3. The NMS holds me                            trace the NMS: yield.
 4. RR, NMSR silent or d_out > r_out            trace the NMSR. (B, C)
 5. otherwise                                   walk to the target. (B, C, D)
 
-p(x, y) is the distance at which y will seem from x with the walls in between (predicted_links.py). For the next
-position q:
+p(x, y) is the distance at which y will seem to be when heard from x, with the walls in between (predicted_links.py).
+q is the next position:
 
-B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that stays near at q.
-C        a wall comes between q and a child (in 2 to 5): stand, and unless B stopped me ask the child to yield (hold).
-D        walk at 2 km/h, an SR only while more than 10 m remain (the paper keeps 2 km/h for tracing).
+B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that is near at q.
+C        in 2 to 5, a wall comes between q and a child: stand; unless B stops me, ask the child to yield (hold).
+D        walk at 2 km/h, an SR only while more than 10 m remain ([paper 5.9] keeps 2 km/h for tracing).
 need     an SR that B stopped for long enough is in need, and says so to all.
 recruit  an SR in need takes over the target of a deeper SR in need.
-wait     an SR in need is patient before it calls itself stalled, while others may come to help.
+wait     an SR in need has longer stall limits while others may come to help.
 stretch  r_in' = 0.95 r_t for an SR in need, and for the relays behind it.
 
-Everything used here is the robot's own map, its senses and its neighbors' updates.
+A robot uses only its own map, its senses and its neighbors' updates.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Scout(Vds):
         self._needed_tick = -(10**9)
         self._stretched_to = NOBODY
         self._leader = NOBODY
-        """The deeper SR whose target this one has taken over."""
+        """The deeper SR whose target this robot has taken over."""
         self._next: Place = body.at
         self.links = PredictedLinks(body, predict=self._scouting.predict)
         body.router.ms.links = self.links
@@ -80,7 +80,7 @@ class Scout(Vds):
         return (STILL, Mode.WAIT) if stopped or child != NOBODY else (velocity, mode)
 
     def _move(self, cls: Cls) -> tuple[Velocity, Mode, bool]:
-        """Rules 2 to 5; the last value tells whether B binds."""
+        """Rules 2 to 5; the last value tells whether B may stop the robot."""
         tick, router = self.body.tick, self.body.router
         nms = router.ms.nms
         if router.ms.weak(tick) or (self._scouting.shield and router.neighbors.by_id[nms].hold == router.node):
@@ -90,13 +90,13 @@ class Scout(Vds):
         return *self.walk(self._speed_m_s(cls)), True
 
     def _speed_m_s(self, cls: Cls) -> float:
-        """D."""
+        """D: the walking speed."""
         moving, scouting = self.rules.moving, self._scouting
         near = cls is Cls.SR and self.to_target.remaining_m(self.body.at) <= scouting.hurry_beyond_m
         return moving.trace_speed_m_s if scouting.hurry and not near else moving.speed_m_s
 
     def _leaves_nms(self) -> bool:
-        """B."""
+        """B: whether the next step leads out of the reach of the NMS."""
         nms = self.body.router.ms.nms
         then = self.links.predicted_m(self._next, nms)
         return then > self.links.reach_m and then >= self.links.predicted_m(self.body.at, nms)
@@ -119,7 +119,7 @@ class Scout(Vds):
         return NOBODY
 
     def _count(self, *, stopped: bool) -> None:
-        """Need."""
+        """Need: count the ticks in which B stopped the robot."""
         scouting = self._scouting
         change = 1 if stopped else -scouting.need_decay_ticks
         self._stopped_ticks = min(max(self._stopped_ticks + change, 0), scouting.need_max_ticks)
@@ -132,7 +132,7 @@ class Scout(Vds):
         return self.body.tick - self._needed_tick <= ticks(self._scouting.recall_s)
 
     def _stretch(self, cls: Cls) -> None:
-        """Let r_in' be longer for a chain in need."""
+        """Stretch: make r_in' longer for a chain in need."""
         router = self.body.router
         ms = router.ms
         if self._scouting.stretch:
@@ -145,7 +145,7 @@ class Scout(Vds):
         self.links.reach_m = self._stretched_m if self._stretched_to != NOBODY else ms.r_in_m
 
     def _recruit(self) -> None:
-        """Follow a deeper SR in need while one's own chain is too short; be patient meanwhile (wait)."""
+        """Recruit and wait: follow a deeper SR in need while the own chain is too short, with longer stall limits."""
         table, tick = self.body.router.table, self.body.tick
         others = table.search_robots()
         rules = self.rules.exploring
@@ -164,7 +164,7 @@ class Scout(Vds):
             self._leader = NOBODY
 
     def _deepest(self, needy: list[int]) -> int:
-        """The deepest of some SRs with another target that is not taboo, if it is deeper than this one; else 0."""
+        """The deepest of some SRs that have another target, not taboo, if it is deeper than this robot; else 0."""
         body, table, margin = self.body, self.body.router.table, self._scouting.deeper_m
         helpful = []
         for node in needy:
@@ -182,7 +182,7 @@ class Scout(Vds):
         return -max(deeper)[1] if deeper else 0
 
     def search(self) -> None:
-        """As in the paper; a follower keeps its leader's target until it stalls."""
+        """As in `vds`, but a follower keeps its leader's target until it stalls."""
         if self._leader == NOBODY:
             super().search()
             return
