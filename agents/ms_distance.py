@@ -25,15 +25,13 @@ class MsDistance:
         self._version = -1
         self._made_tick = -_RENEW_TICKS
         self._reach: Reach | None = None
-        self.tick = 0
-        """The present tick; set by the owner."""
 
-    def __call__(self, places_m: Sequence[tuple[float, float]]) -> list[float]:
+    def lengths_m(self, tick: int, places_m: Sequence[tuple[float, float]]) -> list[float]:
         """Path lengths in metres from the MS to places.
 
         A place that is on no known free cell (the map lags behind its robot) counts from the nearest reached cell.
         """
-        reach = self._renewed()
+        reach = self._renewed(tick)
         g = self._map.geometry
         lengths: list[float] = reach.lengths_m(np.array([g.index(x, y) for x, y in places_m], np.int64)).tolist()
         for k, (x, y) in enumerate(places_m):
@@ -41,10 +39,10 @@ class MsDistance:
                 lengths[k] = reach.length_near_m(x, y)
         return lengths
 
-    def _renewed(self) -> Reach:
-        stale = self._version != self._map.version and self.tick - self._made_tick >= _RENEW_TICKS
+    def _renewed(self, tick: int) -> Reach:
+        stale = self._version != self._map.version and tick - self._made_tick >= _RENEW_TICKS
         if self._reach is None or stale:
             g = self._map.geometry
             self._reach = self._planner.reach(self._planner.nearest_free(g.index(*self._station_m)))
-            self._version, self._made_tick = self._map.version, self.tick
+            self._version, self._made_tick = self._map.version, tick
         return self._reach

@@ -8,8 +8,7 @@ is sticky: only the present NMS refreshes it, and only three rules change the NM
                           one [paper 3.4]. A descendant's number never can, so no loop arises.
     c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop [paper 3.5]
 
-A policy may say that a link is weaker than its power (`predicted_m`), that it may be longer before it is weak
-(`reach_m`), or that the robot is about to walk out of it (`leaving`).
+`links` says how good a link is: by received power, or as a policy knows better (link_quality.py).
 
 Each change raises the entry's freshness (agents/forwarding_table.py); the proof of freedom from loops needs no more
 [paper 3.6].
@@ -18,10 +17,10 @@ Each change raises the entry's freshness (agents/forwarding_table.py); the proof
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable
+from agents.link_quality import LinkQuality
 from agents.neighbors import Neighbor, Neighbors
 from world.terms import NOBODY, STATION, UNREACHABLE
 
@@ -34,12 +33,8 @@ class MsRoute:
         self._table = table
         self._neighbors = neighbors
         self.r_in_m = self._rules.r_in_share * config.radius_m
-        self.reach_m = self.r_in_m
-        """d_in beyond which the link to the NMS is weak: r_in, unless a policy stretches it."""
-        self.predicted_m: Callable[[int], float] | None = None
-        """How far away a neighbor will seem, by the walls in between on the own map."""
-        self.leaving: Callable[[int], bool] | None = None
-        """Set while the robot is about to leave the reach of its NMS: whether a neighbor is near its next position."""
+        self.links = LinkQuality(neighbors, self.r_in_m)
+        """How good the links are. A policy may put its own here before its first step."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
@@ -66,7 +61,7 @@ class MsRoute:
                 self._refresh(tick)
             if self.nms == NOBODY:
                 self._adopt(self._any_route(tick))
-            elif self.leaving is not None or self.weak(tick):
+            elif self.links.leaving() or self.weak(tick):
                 self._probe(tick, rng)
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
@@ -74,10 +69,8 @@ class MsRoute:
             self.acks = self._neighbors.by_id[self.nms].acks
 
     def weak(self, tick: int) -> bool:
-        """Whether d_in > r_in; silence is distance (rule A [paper 3.7])."""
-        if self._neighbors.distance_m(self.nms, tick) > self.reach_m:
-            return True
-        return self.predicted_m is not None and self.predicted_m(self.nms) > self.reach_m
+        """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS."""
+        return self.links.weak(self.nms, tick)
 
     def _refresh(self, tick: int) -> None:
         """Follow the NMS's own entry; while frozen, only if the NMS has lost its route."""
@@ -129,7 +122,7 @@ class MsRoute:
 
     def _lasting(self, offers: list[Neighbor]) -> list[Neighbor]:
         """Those that stay near where the robot wants to go: rule c must not take back the NMS that rule b just left."""
-        return offers if self.leaving is None else [n for n in offers if self.leaving(n.node)]
+        return [n for n in offers if self.links.lasting(n.node)]
 
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
@@ -141,7 +134,9 @@ class MsRoute:
             return None  # the usual case
         seqno = self._seqno
         near = self._lasting(self._offers(tick, self._shortcut_m))
-        offers = [n for n in near if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
-        if self.predicted_m is not None:
-            offers = [n for n in offers if self.predicted_m(n.node) <= self._shortcut_m]
+        offers = [
+            n
+            for n in near
+            if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops and self.links.within(n.node, self._shortcut_m)
+        ]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

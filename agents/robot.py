@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 
 import numpy as np
 
 from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.map_downlink import MapDownlink
-from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, Table, Update, kind_of
+from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
+from agents.payloads import sort_payloads
 from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError
 from bus.phases import Mark, unmarked
-from medium.messages import BROADCAST, Frame, Inbox, Reception
+from medium.messages import BROADCAST, Frame, Inbox
 from world.messages import Motion, Sense, Status
 from world.terms import NOBODY, Cls, Mode
 
@@ -38,6 +40,10 @@ class Robot:
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)
         self.downlink = MapDownlink(reporting.chunk_cells)
+        self._handlers: dict[int, Callable[[bytes], None]] = {
+            SCAN_REPORT: self.uplink.carry,
+            MAP_CHUNK: self._take_map,
+        }
         self._victims_seen: set[int] = set()
         self.bad_frames = 0
         self._action = Action((0.0, 0.0), Mode.WAIT, Cls.SR, self.body.at)
@@ -54,7 +60,8 @@ class Robot:
         tick, body = sense.tick, self.body
         body.tick, body.at = tick, (sense.x_m, sense.y_m)
         mark = self.mark
-        updates = self._sort(inbox)
+        updates, bad = sort_payloads(inbox, self._handlers)
+        self.bad_frames += bad
         mark("decode")
         body.router.step(tick, updates)
         mark("routing")
@@ -67,25 +74,8 @@ class Robot:
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
 
-    def _sort(self, inbox: Inbox | None) -> list[Reception]:
-        """Take scan reports and map chunks; returns the routing updates."""
-        updates = []
-        for src, power, payload in inbox.receptions if inbox is not None else ():
-            try:
-                kind = kind_of(payload)
-                if kind == UPDATE:
-                    updates.append((src, power, payload))
-                elif kind == SCAN_REPORT:
-                    self.uplink.carry(payload)
-                elif kind == MAP_CHUNK:
-                    self._take_map(MapChunk.decode(payload))
-                else:
-                    raise WireError(f"unknown kind {kind}")
-            except WireError:
-                self.bad_frames += 1
-        return updates
-
-    def _take_map(self, chunk: MapChunk) -> None:
+    def _take_map(self, payload: bytes) -> None:
+        chunk = MapChunk.decode(payload)
         if not self.body.map.geometry.holds(chunk.cells):
             raise WireError("a cell lies outside the grid")
         cells, values = self.downlink.receive(chunk)

@@ -6,9 +6,7 @@
 4. RR, NMSR silent or d_out > r_out            trace the NMSR. (B, C)
 5. otherwise                                   walk to the target. (B, C, D)
 
-p(x, y) is the distance at which y will seem to be when heard from x: metres times `wall_factor` for each run of cells
-in between that the own map does not know to be free. Other robots are taken to stand where they were last heard to be.
-q is the next position:
+p(x, y) is the distance at which y will seem to be when heard from x (predicted_links.py), and q is the next position:
 
 B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that is near at q.
 C        in 2 to 5, a wall comes between q and a child: stand; unless B stops me, ask the child to yield (hold).
@@ -31,6 +29,7 @@ from mypy_extensions import mypyc_attr
 
 from agents.body import Body, Place
 from agents.explorer import ticks
+from agents.predicted_links import PredictedLinks
 from agents.vds import STILL, Vds, Velocity
 from world.terms import NOBODY, TICK_S, Cls, Mode
 
@@ -51,23 +50,13 @@ class Scout(Vds):
         self._leader = NOBODY
         """The deeper SR whose target this robot has taken over."""
         self._next: Place = body.at
-        if self._scouting.predict and body.config.wall_factor > 1.0:
-            body.router.ms.predicted_m = lambda node: self.predicted_m(self.body.at, node)
-
-    def predicted_m(self, place: Place, node: int) -> float:
-        """p: how far away a node will seem from a place."""
-        other = self.body.router.table.location_m(node)
-        metres = math.dist(place, other)
-        factor = self.body.config.wall_factor
-        if factor == 1.0:
-            return metres
-        walls = self.body.map.obstacles(*place, *other)
-        return metres * factor**walls if walls else metres
+        self.links = PredictedLinks(body, predict=self._scouting.predict)
+        body.router.ms.links = self.links
 
     def behave(self, cls: Cls) -> tuple[Velocity, Mode]:
         """Rules 1 to 5."""
         ms = self.body.router.ms
-        self.hold, ms.leaving = NOBODY, None
+        self.hold, self.links.held_from = NOBODY, None
         if self.body.tick < self.body.router.quiet_until or ms.nms == NOBODY:
             self._count(stopped=False)
             return super().behave(cls)
@@ -83,7 +72,7 @@ class Scout(Vds):
         stopped = bound and self._scouting.predict and self._leaves_nms()
         self._count(stopped=stopped and cls is Cls.SR)
         if stopped:
-            ms.leaving = lambda node: self.predicted_m(self._next, node) <= ms.r_in_m
+            self.links.held_from = self._next
         child = self._loses_child() if self._scouting.shield else NOBODY
         if child != NOBODY and not stopped:
             self.hold = child
@@ -107,9 +96,9 @@ class Scout(Vds):
 
     def _leaves_nms(self) -> bool:
         """B: whether the next step leads out of the reach of the NMS."""
-        ms = self.body.router.ms
-        then = self.predicted_m(self._next, ms.nms)
-        return then > ms.reach_m and then >= self.predicted_m(self.body.at, ms.nms)
+        nms = self.body.router.ms.nms
+        then = self.links.predicted_m(self._next, nms)
+        return then > self.links.reach_m and then >= self.links.predicted_m(self.body.at, nms)
 
     def _loses_child(self) -> int:
         """C: the first child that a wall would hide, or NOBODY."""
@@ -120,10 +109,10 @@ class Scout(Vds):
         for child in router.inv:
             if math.dist(self._next, router.table.location_m(child)) > self.r_out_m:
                 continue
-            then = self.predicted_m(self._next, child)
+            then = self.links.predicted_m(self._next, child)
             if then <= self.r_out_m:
                 continue
-            now = self.predicted_m(self.body.at, child)
+            now = self.links.predicted_m(self.body.at, child)
             if now <= self.r_out_m or (factor < math.inf and then > now):
                 return child
         return NOBODY
@@ -152,7 +141,7 @@ class Scout(Vds):
                 self._stretched_to = NOBODY
             if wanted and not close:
                 self._stretched_to = ms.nms
-        ms.reach_m = self._stretched_m if self._stretched_to != NOBODY else ms.r_in_m
+        self.links.reach_m = self._stretched_m if self._stretched_to != NOBODY else ms.r_in_m
 
     def _recruit(self) -> None:
         """Recruit and wait: follow a deeper SR in need while the own chain is too short, with longer stall limits."""
@@ -176,8 +165,6 @@ class Scout(Vds):
     def _deepest(self, needy: list[int]) -> int:
         """The deepest of some SRs that have another target, not taboo, if it is deeper than this robot; else 0."""
         body, table, margin = self.body, self.body.router.table, self._scouting.deeper_m
-        depth = body.ms_distance
-        depth.tick = body.tick
         helpful = []
         for node in needy:
             target = table.target_m(node)
@@ -185,7 +172,7 @@ class Scout(Vds):
                 helpful.append(node)
         if not helpful:
             return 0
-        mine, *depths = depth([body.at, *(table.location_m(node) for node in helpful)])
+        mine, *depths = body.ms_distance([body.at, *(table.location_m(node) for node in helpful)])
         deeper = []
         for node, depth_m in zip(helpful, depths, strict=True):
             ahead = depth_m - mine

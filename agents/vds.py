@@ -101,7 +101,6 @@ class Vds:
         candidates = eligible_msrs(table, body.router.ms.nms)
         if self.msr in candidates and (body.tick + body.config.node) % rules.msr_compare_ticks:
             return self.msr
-        body.ms_distance.tick = body.tick
         return farthest_msr(candidates, table, body.ms_distance, self.msr, rules.msr_margin_m)
 
     def _follow_msr(self) -> None:

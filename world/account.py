@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.config import Fault, WorldConfig
+from world.connectivity import Connectivity
 from world.events import changes
 from world.faults import fault_form
 from world.feed import Event, Snapshot
 from world.messages import Motion, Report, Status
 from world.recovery import Recoveries
 from world.roster import Rewritten, Roster
-from world.terms import STATION, UNREACHABLE
+from world.terms import STATION
 
 __all__ = ["Account", "Told"]
 
@@ -88,7 +89,7 @@ class Account:
         self._made_before = [0] * config.robots
         """Scan reports that earlier incarnations made."""
         self._discarded_before = [0] * config.robots
-        self._robot_ticks = self._connected_ticks = self._max_hops = 0
+        self._connectivity = Connectivity()
 
     def note(self, tick: int, node: int, text: str, data: dict[str, Any]) -> None:
         """Add a fault event to the tick under way."""
@@ -132,7 +133,7 @@ class Account:
         if closed is None:
             return
         before, self.snapshot = self.snapshot, self._photograph(closed)
-        self._count()
+        self._connectivity.add(self.snapshot)
         verdicts: tuple[Event, ...] = ()
         if self._recoveries.watching:
             speaks = closed.report is not None and not closed.report.silent
@@ -156,8 +157,8 @@ class Account:
         statuses = self._statuses
         present = {node: s for node, s in enumerate(statuses, 1) if self._roster.present(node)}
         return {
-            "connected_fraction": self._connected_ticks / self._robot_ticks if self._robot_ticks else 0.0,
-            "max_hops": self._max_hops,
+            "connected_fraction": self._connectivity.fraction,
+            "max_hops": self._connectivity.max_hops,
             "scan_reports": {
                 "made": sum(self._made_before) + sum(s.reports_made for s in statuses),
                 "buffered": sum(s.reports_buffered for s in present.values()),
@@ -202,13 +203,6 @@ class Account:
             sum(s.reports_buffered for s in routed),
             *self._reported,
         )
-
-    def _count(self) -> None:
-        for here, hops in zip(self.snapshot.present.tolist(), self.snapshot.hops.tolist(), strict=True):
-            self._robot_ticks += here
-            if here and hops != UNREACHABLE:
-                self._connected_ticks += 1
-                self._max_hops = max(self._max_hops, hops)
 
 
 _AWAY: Final = Status()

@@ -14,11 +14,11 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 
 __all__ = ["MapImage", "Run", "RunFilesError", "read_run"]
 
-_RATE: Final = "search_rate_"
 _LARGEST_PIXELS: Final = 16_000_000
 
 
@@ -60,7 +60,7 @@ class Run:
     @property
     def search_rates(self) -> dict[str, list[float | None]]:
         """Columns of the cells by the cell's name."""
-        return {key.removeprefix(_RATE): column for key, column in self.columns.items() if key.startswith(_RATE)}
+        return {key.removeprefix(RATE): column for key, column in self.columns.items() if key.startswith(RATE)}
 
     def table(self, key: str) -> dict[str, Any]:
         """A table of the summary; empty if it is not known."""

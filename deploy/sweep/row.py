@@ -6,7 +6,6 @@ A worker needs nothing but this package: the text comes with the task, and what 
 from __future__ import annotations
 
 import contextlib
-import csv
 import functools
 import hashlib
 import json
@@ -33,7 +32,6 @@ ERROR: Final = "error"
 
 _LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
 """Tables of a scenario that are no columns: the floor plan, and what can't change a result."""
-_RATE: Final = "search_rate_"
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, 
     row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": None}
     if summary["failures"]:
         row |= {"status": ERROR, "error": str(summary["failures"][0])}
-    return Finished(row, _series(folder.path / "metrics.csv", scenario.cell_names, series_step_s))
+    return Finished(row, folder.metrics.series(series_step_s))
 
 
 def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
@@ -122,16 +120,6 @@ def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             row[prefix + key] = json.dumps(value) if isinstance(value, list | tuple) else value
     return row
-
-
-def _series(metrics: Path, cells: tuple[str, ...], step_s: int) -> dict[str, list[float]]:
-    """Every `step_s`-th row of a run's metrics, and the last."""
-    with metrics.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    kept = [row for i, row in enumerate(rows) if i % step_s == 0 or i == len(rows) - 1]
-    return {"time_s": [float(row["time_s"]) for row in kept]} | {
-        cell: [float(row[_RATE + cell]) for row in kept] for cell in cells
-    }
 
 
 def one_thread() -> None:

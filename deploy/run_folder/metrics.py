@@ -1,0 +1,75 @@
+"""metrics.csv: the state of a run at every simulated second, one row each."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from world.feed import Snapshot
+from world.terms import TICK_S, UNREACHABLE, Cls, seconds_of
+
+__all__ = ["RATE", "Metrics"]
+
+RATE: Final = "search_rate_"
+"""What stands before the name of a search cell in the name of its column."""
+
+_COLUMNS: Final = (
+    "time_s", "robots_present", "robots_connected", "relays", "max_hops", "mean_hops", "scan_reports_merged",
+    "scan_reports_buffered", "victims_found",
+)  # fmt: skip
+_TICKS_PER_ROW: Final = round(1 / TICK_S)
+
+
+class Metrics:
+    """The file under way. It keeps the search rates in memory too, for a study's time series."""
+
+    def __init__(self, path: Path, cells: Sequence[str]) -> None:
+        """Create the file, with a column for each search cell.
+
+        Raises:
+            OSError: it can't be written.
+        """
+        self._cells = cells
+        self._file = path.open("w", newline="", encoding="utf-8")
+        self._rows = csv.writer(self._file)
+        self._rows.writerow([*_COLUMNS, *(RATE + cell for cell in cells)])
+        self._second = -1
+        """Of the last row."""
+        self._time_s: list[float] = []
+        self._rates: list[list[float]] = []
+
+    def add(self, s: Snapshot) -> None:
+        """Take one tick in, in the order of ticks: the first of each second becomes a row."""
+        second = s.tick // _TICKS_PER_ROW
+        if second <= self._second:
+            return
+        self._second = second
+        present = s.present == 1
+        hops = s.hops[present & (s.hops < UNREACHABLE)]
+        rates = [round(rate, 6) for rate in s.search_rate] or [0.0] * len(self._cells)
+        self._time_s.append(seconds_of(s.tick))
+        self._rates.append(rates)
+        self._rows.writerow([
+            self._time_s[-1], int(present.sum()), len(hops), int((present & (s.cls == Cls.RR)).sum()),
+            int(hops.max()) if len(hops) else "", round(float(hops.mean()), 3) if len(hops) else "",
+            s.merged, s.reports_buffered, len(s.victims_found), *rates,
+        ])  # fmt: skip
+
+    def series(self, step: int) -> dict[str, list[float]]:
+        """`time_s` and the search rate of each cell by its name, of every `step`-th row and the last."""
+        last = len(self._time_s) - 1
+        kept = [i for i in range(last + 1) if i % step == 0 or i == last]
+        return {"time_s": [self._time_s[i] for i in kept]} | {
+            cell: [self._rates[i][k] for i in kept] for k, cell in enumerate(self._cells)
+        }
+
+    def flush(self) -> None:
+        """Bring everything written so far to disk."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        self._file.close()

@@ -1,0 +1,151 @@
+"""summary.json: how a run ended, from the last counts of its processes and from the snapshots (docs/summary.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from deploy.run_folder.verdicts import lost_reports, settle
+from world.connectivity import Connectivity
+from world.feed import Snapshot
+from world.terms import UNREACHABLE, Cls, seconds_of
+
+if TYPE_CHECKING:
+    from deploy.run_folder.baseline import Baseline
+    from deploy.scenario import Scenario
+
+__all__ = ["Finals", "Progress", "compare", "summary_of"]
+
+Finals = Mapping[str, Mapping[str, Any]]
+"""Last counts by process: `world`, `medium`, `station`; and `phases`."""
+
+
+class Progress:
+    """What the snapshots tell: it stands in for the last counts of a process that was lost."""
+
+    def __init__(self, cells: Sequence[str]) -> None:
+        self.latest: Snapshot | None = None
+        """The last snapshot."""
+        self.connectivity = Connectivity()
+        self.search_rate = dict.fromkeys(cells, 0.0)
+        """By search cell."""
+        self.search_time_s: dict[str, float | None] = dict.fromkeys([*cells, "all"], None)
+        """By search cell, and for `all`; None where it is not searched yet."""
+        self._cells = cells
+
+    def add(self, s: Snapshot) -> None:
+        """Take one tick in, in the order of ticks; some may be missing."""
+        unchanged = self.latest is not None and s.search_rate == self.latest.search_rate
+        self.latest = s
+        self.connectivity.add(s)
+        if unchanged:
+            return
+        now_s = seconds_of(s.tick)
+        for name, rate in zip(self._cells, s.search_rate, strict=False):
+            self.search_rate[name] = rate
+            if rate >= 1.0 and self.search_time_s[name] is None:
+                self.search_time_s[name] = now_s
+        if self.search_time_s["all"] is None and all(rate >= 1.0 for rate in self.search_rate.values()):
+            self.search_time_s["all"] = now_s
+
+    @property
+    def ticks(self) -> int:
+        return 0 if self.latest is None else self.latest.tick + 1
+
+
+def summary_of(
+    scenario: Scenario, progress: Progress, finals: Finals, wall_s: float, status: str | None
+) -> dict[str, Any]:
+    """The summary.
+
+    Args:
+        scenario: of the run.
+        progress: after the last snapshot.
+        finals: a process that is missing leaves what the snapshots tell, or nulls.
+        wall_s: how long the run took.
+        status: overrules the world's word, as when the world was lost.
+    """
+    world, medium, station = (finals.get(name, {}) for name in ("world", "medium", "station"))
+    latest = progress.latest
+    ticks = world.get("ticks", progress.ticks)
+    simulated_s = seconds_of(ticks)
+    return {
+        "status": status or world.get("status", "failed"),
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "robots": scenario.robots,
+        "radius_m": scenario.radius_m,
+        "simulated_s": simulated_s,
+        "wall_s": round(wall_s, 3),
+        "real_time_factor": round(simulated_s / wall_s, 2) if wall_s > 0 else None,
+        "ticks": ticks,
+        "trace_sha256": medium.get("trace_sha256"),
+        "search_rate": station.get("search_rate", progress.search_rate),
+        "search_time_s": station.get("search_time_s", progress.search_time_s),
+        "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
+        "max_hops": world.get("max_hops", progress.connectivity.max_hops),
+        "scan_reports": _scan_reports(world, station, latest),
+        "victims": {
+            "placed": len(scenario.arena.victims_m),
+            "found": len(station.get("victims_found", latest.victims_found if latest else ())),
+        },
+        "robots_at_end": [] if latest is None else _robots(latest),
+        "frames": medium.get("frames"),
+        "faults": world.get("faults", []),
+        "wall_clock_faults": world.get("wall_clock_faults"),
+        "recoveries": settle(
+            world.get("recoveries", []), world.get("acknowledged", {}), station.get("complete") if station else None
+        ),
+        "tick_ms": world.get("tick_ms"),
+        "tick_blame": world.get("tick_blame"),
+        "tick_phases": _phases_ms(finals.get("phases"), ticks),
+        "ticked_unix_s": world.get("ticked_unix_s"),
+        "why": world.get("why"),
+    }
+
+
+def compare(summary: dict[str, Any], baseline: Baseline) -> None:
+    """Add what the faults cost: with one fault it is that fault's doing, with several only the sum is known."""
+    lost_s = baseline.lost_s(summary["search_time_s"])
+    summary["compared_with"] = str(baseline.folder)
+    summary["search_time_lost_s"] = lost_s
+    verdicts = summary["recoveries"]
+    for verdict in verdicts:
+        verdict["search_time_lost_s"] = lost_s if len(verdicts) == 1 else None
+
+
+def _scan_reports(
+    world: Mapping[str, Any], station: Mapping[str, Any], latest: Snapshot | None
+) -> dict[str, int | None]:
+    merged = station.get("merged", None if latest is None else latest.merged)
+    lost = None
+    if "acknowledged" in world and "complete" in station:
+        lost = lost_reports(world["acknowledged"], station["complete"])
+    told = world.get("scan_reports", {})
+    return {"made": None, "buffered": None, "discarded": None, **told, "merged": merged, "lost": lost}
+
+
+def _robots(s: Snapshot) -> list[dict[str, Any]]:
+    """Where the robots truly were, and their routes."""
+    return [
+        {
+            "robot": int(s.nodes[row]),
+            "x_m": round(float(s.xy_m[row, 0]), 2),
+            "y_m": round(float(s.xy_m[row, 1]), 2),
+            "present": bool(s.present[row]),
+            "class": Cls(int(s.cls[row])).name,
+            "hops": None if s.hops[row] == UNREACHABLE else int(s.hops[row]),
+            "nms": None if s.nms[row] < 0 else int(s.nms[row]),
+        }
+        for row in range(len(s.nodes))
+    ]
+
+
+def _phases_ms(spent_s: Mapping[str, Mapping[str, float]] | None, ticks: int) -> dict[str, dict[str, float]] | None:
+    """Milliseconds per tick of the run, by process and phase."""
+    if not spent_s or not ticks:
+        return None
+    return {
+        process: {phase: round(seconds * 1e3 / ticks, 4) for phase, seconds in sorted(phases.items())}
+        for process, phases in sorted(spent_s.items())
+    }
