@@ -8,7 +8,7 @@ is sticky: only the present NMS refreshes it, and only three rules change the NM
                           one [paper 3.4]. A descendant's number never can, so no loop arises.
     c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop [paper 3.5]
 
-`links` says how good a link is: by received power, or as a policy knows better (link_quality.py).
+How good a link is, `links` says: by received power, or as a policy knows better (link_quality.py).
 
 Each change raises the entry's freshness (agents/forwarding_table.py); the proof of freedom from loops needs no more
 [paper 3.6].
@@ -34,7 +34,7 @@ class MsRoute:
         self._neighbors = neighbors
         self.r_in_m = self._rules.r_in_share * config.radius_m
         self.links = LinkQuality(neighbors, self.r_in_m)
-        """How good the links are. A policy may put its own here before its first step."""
+        """How good the links are; a policy may put its own here, before its first step."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
@@ -69,7 +69,7 @@ class MsRoute:
             self.acks = self._neighbors.by_id[self.nms].acks
 
     def weak(self, tick: int) -> bool:
-        """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS."""
+        """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""
         return self.links.weak(self.nms, tick)
 
     def _refresh(self, tick: int) -> None:

@@ -6,7 +6,8 @@
 4. RR, NMSR silent or d_out > r_out            trace the NMSR. (B, C)
 5. otherwise                                   walk to the target. (B, C, D)
 
-p(x, y) is the distance at which y will seem to be when heard from x (predicted_links.py), and q is the next position:
+p(x, y) is the distance at which y will seem to be when heard from x, with the walls in between (predicted_links.py).
+q is the next position:
 
 B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that is near at q.
 C        in 2 to 5, a wall comes between q and a child: stand; unless B stops me, ask the child to yield (hold).
