@@ -18,7 +18,7 @@ Share = Annotated[float, Ge(0), Le(1)]
 KM_H = 1 / 3.6
 
 POWER_SMOOTHING_S: Final = 1.0
-"""Over how long received power is smoothed where shadowing makes it jump."""
+"""Over which robots average the power that they receive, where shadowing makes it jump."""
 
 
 @dataclass(frozen=True)
