@@ -1,1 +1,1 @@
-"""One robot: routing, class, path recovery, exploration, mapping. It knows what it sensed and what it heard."""
+"""One robot: routing, class, path recovery, exploration, mapping. It knows only what it sensed and what it heard."""

@@ -2,7 +2,7 @@
 """Loops over the cells of a robot's own map: what a scan shows, cells from elsewhere, and lines.
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
-`-march`; setup.py). Cells from a peer are checked here (`apply`), and places by the caller (`OwnMap.obstacles`).
+`-march`; setup.py). Cells from a peer are checked here (`apply`), segments by the caller (`OwnMap.obstacles`).
 """
 
 from libc.math cimport atan2, ceil, floor, hypot, rint
@@ -99,7 +99,7 @@ def apply(signed char[::1] cells, const uint32_t[::1] theirs, const int8_t[::1] 
         if values[k] > cells[theirs[k]]:
             changed[found] = k
             found += 1
-    # Only now: what is better is told from what was there before.
+    # Only now, since every value is compared with what was there before.
     for k in range(found):
         cells[theirs[changed[k]]] = values[changed[k]]
         changed[k] = theirs[changed[k]]

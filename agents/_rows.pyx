@@ -34,13 +34,13 @@ def merge(
 
     Args:
         before: next hops before the first update of this tick.
-        sticky: the destination whose entry stays as it is.
+        sticky: a destination whose entry this leaves as it is.
         max_node: the highest destination that there is.
         most_fresh: no freshness is as large.
         make_room: called with a destination that the columns do not reach.
 
     Returns:
-        Freshness of the neighbor's own entry for `sticky`, or -1; -2 at the first row that can't be.
+        Freshness of the neighbor's own entry for `sticky`, or -1; -2 at the first impossible row.
     """
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
@@ -92,7 +92,7 @@ cdef uint64_t uint64_at(const unsigned char* raw) noexcept:
     return value
 
 def advertised(list known, array.array freshest, bytearray inherent):
-    """The whole table as a run of rows, in the order of `known`."""
+    """The whole table as a sequence of rows, in the order of `known`."""
     cdef bytes rows = PyBytes_FromStringAndSize(NULL, ROW * len(known))
     cdef unsigned char* raw = <unsigned char*>PyBytes_AS_STRING(rows)
     cdef const char* said = PyByteArray_AS_STRING(inherent)

@@ -35,7 +35,7 @@ cdef int push(Bucket* bucket, int32_t cell) except -1 nogil:
 cdef inline int shorten(
     double[::1] found, Py_ssize_t cell, double longer, Bucket* buckets, double per_metre
 ) except -1 nogil:
-    """A way to a cell: 1 if it is shorter than those that were found, and the cell waits for its turn."""
+    """Take a way to a cell if it is the shortest so far, and queue the cell; returns 1 then, else 0."""
     if longer >= found[cell]:
         return 0
     found[cell] = longer
@@ -52,10 +52,10 @@ cdef int spread(
     Bucket* buckets,
     double[::1] found,
 ) except -1 nogil:
-    """Search on from what is in the first bucket.
+    """Search on from the cells in the first bucket.
 
-    Buckets are narrower than the shortest step: what a bucket holds when its turn comes is final, whatever the order
-    within it, so two lie ahead at most.
+    Buckets are narrower than the shortest step. So the cells of a bucket are final when its turn comes, in whatever
+    order they are taken, and at most two buckets lie ahead.
     """
     cdef double per_metre = 1.0 / (0.9 * resolution_m), diagonal_m = resolution_m * sqrt(2.0), here, longer
     cdef Bucket* bucket
@@ -69,7 +69,7 @@ cdef int spread(
             cell = bucket.cells[k]
             here = found[cell]
             if <Py_ssize_t>(here * per_metre) != turn:
-                continue  # a shorter way was found since, and its turn has been
+                continue  # a shorter way was found since, and was taken in an earlier bucket
             longer = here + resolution_m
             if longer > limit_m:
                 continue
@@ -89,7 +89,7 @@ cdef int spread(
             longer = here + diagonal_m
             if longer > limit_m:
                 continue
-            # Most diagonal neighbors are nearer already, which is sooner seen than whether they are free.
+            # Most diagonal neighbors have a shorter way already; that is the cheaper question, so it comes first.
             if east and north and longer < found[cell + cols + 1] and cells[cell + cols + 1] == 0:
                 waiting += shorten(found, cell + cols + 1, longer, buckets, per_metre)
             if west and north and longer < found[cell + cols - 1] and cells[cell + cols - 1] == 0:
@@ -187,8 +187,8 @@ def length_near(
     cdef double gap_m, least_m = INFINITY, from_cell_m
     from_cell_m = hypot(x0_m + (at_col + 0.5) * resolution_m - x_m, y0_m + (at_row + 0.5) * resolution_m - y_m)
     for ring in range(max(rows, cols)):
-        # No center of this ring is nearer than a ring's width less than that, however the place lies to its cell; one
-        # ring more than needed, for the rounding.
+        # No center of this ring is nearer than this, wherever the place lies in its cell. One ring more than needed is
+        # searched, because of rounding.
         if (ring - 1) * resolution_m - from_cell_m > least_m:
             break
         for row in range(max(at_row - ring, 0), min(at_row + ring + 1, rows)):

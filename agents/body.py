@@ -1,8 +1,9 @@
-"""What a policy has at hand: the robot's own senses, map, table and legs. Nothing here was not sensed or heard."""
+"""What a policy reads and drives: the robot's pose, map, planner and router. All of it was sensed or heard."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from agents.config import RobotConfig
@@ -58,6 +59,10 @@ class Body:
         self.router = Router(config, rng, quiet_until)
         self.map = OwnMap(config)
         self.planner = Planner(self.map)
-        self.ms_distance = MsDistance(self.map, self.planner, config.station_m)
+        self._from_ms = MsDistance(self.map, self.planner, config.station_m)
         self.tick = 0
         self.at: Place = config.station_m
+
+    def ms_distance(self, places_m: Sequence[Place]) -> list[float]:
+        """Path lengths in metres from the MS to places, as of this tick."""
+        return self._from_ms.lengths_m(self.tick, places_m)

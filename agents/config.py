@@ -1,4 +1,4 @@
-"""What a robot knows before it starts: its own constants, never the true map nor who else is there."""
+"""What a robot knows before it starts: its own constants. It knows neither the true map nor the other robots."""
 
 from __future__ import annotations
 
@@ -19,73 +19,74 @@ KM_H = 1 / 3.6
 
 @dataclass(frozen=True)
 class Routing:
-    """DSDV and the sticky route to the MS (PROCEDURE 1 and 2)."""
+    """DSDV and the sticky route to the MS [paper 2.6 to 3.7]."""
 
     neighbor_timeout_ticks: Annotated[int, Ge(1)] = 10
-    """A neighbor not heard for this long is gone."""
+    """A neighbor from which nothing was heard for this long is gone [paper 2.8]."""
     silence_ticks: Annotated[int, Ge(1)] = 5
-    """Rule A: a neighbor silent for this long counts as beyond r_in and r_out."""
+    """Rule A: a neighbor that is silent for this long counts as beyond r_in and r_out [paper 3.7]."""
     sticky: bool = True
-    """The MS entry is refreshed by the present NMS only. False: plain minimum-hop DSDV."""
+    """Only the present NMS refreshes the MS's entry [paper 3.2]. False: plain minimum-hop DSDV."""
     probe_probability: Share = 0.5
-    """2b: chance per tick to stop refreshing while the link is weak."""
+    """Rule b [paper 3.4]: chance per tick to stop refreshing while the link is weak."""
     probe_ticks: Ticks = 5
-    """2b: how long it stops refreshing at most."""
+    """Rule b: how long the robot stops refreshing at most."""
     adopt_share: Positive = 0.9
-    """2b: a potential NMS is nearer than this share of r_in."""
+    """Rule b: a potential NMS is nearer than this share of r_in."""
     shortcut_share: NotNegative = 0.65
-    """2c: a neighbor nearer than this share of r_t that saves a hop is adopted; 0 = never."""
+    """Rule c [paper 3.5]: a neighbor nearer than this share of r_t that saves a hop is adopted; 0 = never."""
     quiet_restart: bool = True
-    """A new incarnation neither sends nor learns routes for the neighbor timeout + 1."""
+    """A new incarnation sends and learns no routes for the neighbor time-out and one tick [paper 2.10]."""
     r_in_share: Positive = 0.8
-    """r_in / r_t (paper, II-B; the value is ours)."""
+    """r_in / r_t [paper 5.1, 5.2]."""
     r_out_share: Positive = 0.9
     """r_out / r_t."""
 
     def quiet_until(self, incarnation: int, first_tick: int) -> int:
-        """First tick at which a node that starts at `first_tick` sends and learns routes (PROCEDURE 2)."""
+        """First tick at which a node that starts at `first_tick` sends and learns routes [paper 2.10]."""
         quiet = incarnation > 0 and self.quiet_restart
         return first_tick + self.neighbor_timeout_ticks + 1 if quiet else first_tick
 
 
 @dataclass(frozen=True)
 class Classing:
-    """SRRC (PROCEDURE 3)."""
+    """SRRC [paper 4.1 to 4.8]."""
 
     sr_after_ticks: Ticks = 10
-    """Back to SR after inv was empty for this long."""
+    """A robot becomes an SR again after its inv was empty for this long [paper 4.2]."""
     msr_margin_m: NotNegative = 2.0
-    """A new MSR is at least this much farther from the MS than the present one."""
+    """A new MSR is at least this much farther from the MS than the present one [paper 4.5]."""
     msr_compare_ticks: Annotated[int, Ge(1)] = 10
-    """How often a relay compares distances as long as its MSR stays eligible: nobody moves far in a second."""
+    """How often a relay compares distances while its MSR stays eligible [paper 4.6]."""
     copy_target: bool = True
-    """A relay takes its MSR's target at every tick (paper, II-C)."""
+    """A relay takes its MSR's target at every tick [paper 4.7]."""
 
 
 @dataclass(frozen=True)
 class Moving:
-    """Speeds (paper, III) and how a robot walks."""
+    """Speeds, and how a robot walks [paper 5.9, 5.10]."""
 
     speed_m_s: Positive = 1.0 * KM_H
     trace_speed_m_s: Positive = 2.0 * KM_H
-    """When it traces another robot, and in recovery."""
+    """When the robot traces another one, and in path recovery."""
     arrive_m: Positive = 0.25
-    """A target is reached within this distance."""
+    """A target counts as reached within this distance [paper 6.4]."""
     relay_walks: bool = True
-    """Relays walk to their target too (PROCEDURE 4.4)."""
+    """Relays walk to their target too [paper 5.10]."""
 
 
 @dataclass(frozen=True)
 class Exploring:
-    """Decision-theoretic choice of frontiers (Burgard et al. 2005) and the stall rule (PROCEDURE 5)."""
+    """Decision-theoretic choice of frontiers (Burgard et al. 2005) and the stall rule [paper 6.1 to 6.6]."""
 
     utility_m: Positive = 20.0
     """Worth of an undiscounted frontier, in metres of path."""
     discount_m: Positive = 8.0
     """Announced targets of other SRs within this distance discount a frontier."""
     reselect_when_seen: bool = True
-    """Choose anew as soon as the target is no frontier any more, not on arrival only."""
+    """Choose a new target as soon as the present one is no frontier any more, not only on arrival [paper 6.3]."""
     stall: bool = True
+    """Declare frontiers near a target taboo when the robot does not get there [paper 6.5]."""
     stall_move_m: Positive = 1.0
     stall_move_s: Positive = 20.0
     stall_path_m: Positive = 1.0
@@ -93,47 +94,48 @@ class Exploring:
     taboo_s: Positive = 60.0
     taboo_radius_m: Positive = 8.0
     progress_cells: Annotated[int, Ge(1)] = 40
-    """New cells after which stalls in a row are forgotten."""
+    """New cells that end a row of stalls."""
     retreat_after: Annotated[int, Ge(1)] = 3
     retreat_probability: Share = 0.5
+    """Chance to walk back towards the MS when every frontier is taboo [paper 6.6]."""
     retreat_min_s: Positive = 30.0
     retreat_max_s: Positive = 90.0
 
 
 @dataclass(frozen=True)
 class Reporting:
-    """Scans up to the MS, map down from it (DESIGN 5)."""
+    """Scans on their way up to the MS, the map on its way down [paper 7.4 to 7.6]."""
 
     store_and_forward: bool = True
-    """Deliver after reconnection what was scanned while cut off. False: the paper's rule, discard it."""
+    """Deliver later what was scanned while cut off [paper 7.4]. False: discard it, as in [paper 7.2]."""
     resend_min_s: Positive = 1.0
     chunk_cells: Annotated[int, Ge(1)] = 2000
-    """Map changes that one frame carries at most."""
+    """Most map changes that one frame carries."""
 
 
 @dataclass(frozen=True)
 class Scouting:
-    """Policy scout (agents/scout.py); each rule can be switched off alone."""
+    """Policy scout (docs/scout.md); each rule can be switched off alone."""
 
     predict: bool = True
-    """B: stand rather than walk out of the predicted reach of the NMS. The rules below that rest on it go with it."""
+    """B: stand rather than walk out of the predicted reach of the NMS. Recruit, wait and stretch need it."""
     shield: bool = True
-    """C: stand rather than let a wall come between oneself and a child, and ask the child to yield."""
+    """C: stand rather than let a wall come between the robot and a child, and ask the child to yield."""
     hurry: bool = True
-    """D: walk at the tracing speed, but for the last metres of a search robot."""
+    """D: walk at the tracing speed, except for the last metres of a search robot."""
     hurry_beyond_m: NotNegative = 10.0
     recruit: bool = True
-    """Give up one's own target for that of a deeper robot in need."""
+    """Replace the own target by that of a deeper robot in need."""
     wait: bool = True
-    """A robot in need is patient while help may come."""
+    """A robot in need has longer stall limits while help may come."""
     stretch: bool = True
-    """Let a chain in need reach farther."""
+    """Let the links of a chain in need be longer."""
     need_max_ticks: Ticks = 70
     need_ticks: Ticks = 50
-    """Stopped for this long is need."""
+    """A robot that was stopped for this long is in need."""
     need_decay_ticks: Ticks = 5
     recall_s: NotNegative = 10.0
-    """Need that ended this recently still recruits."""
+    """A robot recruits for this long after its need has ended."""
     deeper_m: NotNegative = 2.0
     wait_move_s: Positive = 90.0
     wait_path_s: Positive = 270.0
@@ -142,7 +144,7 @@ class Scouting:
     relax_share: Positive = 0.6
     """Stretching ends when d_in falls below this share of r_in."""
     wall_loss_db: NotNegative | None = None
-    """What the robots believe that a wall costs; None: what the radio's table says."""
+    """Loss per wall that the robots believe in; None: that of `[radio]`."""
 
 
 @dataclass(frozen=True)
@@ -159,12 +161,12 @@ class Rules:
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """One robot (or, without wheels, the MS's own DSDV node)."""
+    """One robot, or the DSDV node of the MS, which does not move."""
 
     node: int
     seed: int
     geometry: GridGeometry
-    """The frame that all maps of the run share (paper: the global coordinate system)."""
+    """The grid that all maps of the run share, in global coordinates [paper 2.2]."""
     station_m: tuple[float, float]
     safety_zone_m: tuple[float, float, float, float]
     """x0, y0, x1, y1: known free from the start."""
@@ -175,11 +177,11 @@ class RobotConfig:
     tx_power_dbm: float
     loss_1m_db: float
     exponent: float
-    """The path-loss curve that turns received power into distance."""
+    """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
     power_smoothing_s: float = 0.0
-    """Time constant over which received power is smoothed; 0 = not at all."""
+    """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0
-    """How many times farther away a wall in between makes a neighbor seem: 1 = no difference, inf = it blocks."""
+    """Factor by which a wall in between makes a neighbor seem farther away: 1 = no difference, inf = it blocks."""
     policy: str = "vds"
     """Who decides: vds, scout, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)

@@ -1,7 +1,7 @@
 """DSDV (Perkins & Bhagwat 1994) as every node runs it, the MS too: absorb updates, expire neighbors, advertise.
 
-A destination issues even sequence numbers for itself, here 2 x tick, so that they rise across a restart as well. The
-whole table is broadcast at every tick (paper, III). Updates are merged in the order of their senders' ids.
+A destination issues even sequence numbers for itself, here 2 x tick, so that they also rise across a restart. A node
+broadcasts its whole table at every tick [paper 2.5, 2.6]. It merges updates in the order of their senders' ids.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ class Router:
         self.neighbors = Neighbors(config)
         self.ms = MsRoute(config, self.table, self.neighbors)
         self._rng = rng
-        # The MS is where everybody knows it to be, and no search robot.
+        # Everybody knows where the MS is. It is no search robot.
         self.table.set_inherent(STATION, Cls.RR, config.station_m, config.station_m)
         self._sticky = STATION if config.rules.routing.sticky else NOBODY
         self.quiet_until = quiet_until
         """First tick at which a new incarnation sends and learns routes again."""
         self.inv: list[int] = []
-        """Neighbors whose NMS this node is, ascending (paper, II-A.1)."""
+        """Neighbors whose NMS this node is, ascending [paper 2.2, 2.3]."""
         self.bad_frames = 0
 
     def step(self, tick: int, updates: Sequence[Reception]) -> None:
-        """Take in the updates heard at a tick, ordered by source; then the routes are those of this tick."""
+        """Absorb the updates heard at a tick, ordered by source, and bring all routes up to date."""
         if tick < self.quiet_until:
             return
         self._absorb(tick, updates)
@@ -59,7 +59,7 @@ class Router:
             except WireError:
                 self.bad_frames += 1
                 if src not in self.neighbors.by_id:
-                    self.table.break_via(src)  # what was merged before the error leads through no neighbor
+                    self.table.break_via(src)  # rows merged before the error lead to one who is no neighbor
                 continue
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
@@ -69,12 +69,12 @@ class Router:
     def announce_self(
         self, tick: int, at_m: tuple[float, float], cls: int, target_m: tuple[float, float], *, need: bool = False
     ) -> None:
-        """Renew this node's own entry: a newer even number, where it is, its class and its target."""
+        """Renew this node's own entry: a newer even number, its location, class and target."""
         self.table.set_route(self.node, freshness_of(2 * tick, 0), self.node)
         self.table.set_inherent(self.node, cls, at_m, target_m, need=need)
 
     def shown(self, tick: int, msr: int) -> Table:
-        """Show the table with every column of Fig. 2, for the recording."""
+        """The forwarding table with every column of Fig. 2 [paper 2.4], for the recording."""
         table = self.table
         ids = sorted(dst for dst in table.known if dst != self.node)
         return Table(

@@ -1,10 +1,10 @@
 """Where a search robot goes next: the decision-theoretic choice of a frontier, and the way out of a stall.
 
-Choice (paper, II-B; Burgard, Moors, Stachniss & Schneider 2005): over the frontier cells of the own map,
+Choice [paper 6.2], after Burgard, Moors, Stachniss & Schneider 2005: the frontier cell of the own map with the highest
 score = utility x max(0, 1 - sum over other SRs' targets within reach of (1 - d / reach)) - path length.
 
-Stall (ours, PROCEDURE 5): a robot whose chain is taut cannot reach its frontier; after a while it declares the
-surroundings of its target taboo, for longer each time in a row, and in the end walks back towards the MS for a while.
+Stall [paper 6.5, 6.6]: a robot whose chain is taut cannot reach its frontier. After a while it declares the
+surroundings of its target taboo, for longer each time in a row. In the end it walks back towards the MS for a while.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from world.terms import TICK_S
 Place = tuple[float, float]
 
 _NEAR_M: Final = 12.0
-"""Frontiers are first looked for as near as this; mostly that is enough, and always shown to be when it is."""
+"""`select` first searches only this far: no frontier beyond can beat one that scores more than utility - 12 m."""
 
 
 def score(
     frontiers_m: NDArray[np.float64], lengths_m: NDArray[np.float64], targets_m: NDArray[np.float64], rules: Exploring
 ) -> NDArray[np.float64]:
-    """Score of each frontier, shape (n,), in metres: its discounted utility minus the cost of going there.
+    """Score of each frontier, shape (n,), in metres: its discounted utility minus the length of the path [paper 6.2].
 
     Args:
         frontiers_m: (n, 2) places.
         lengths_m: (n,) path lengths.
         targets_m: (t, 2) targets that other SRs announced.
-        rules: what a frontier is worth, and how far a target discounts others.
+        rules: utility of a frontier, and how far a target discounts others.
     """
     gaps = np.hypot(frontiers_m[:, None, 0] - targets_m[None, :, 0], frontiers_m[:, None, 1] - targets_m[None, :, 1])
     taken = np.maximum(0.0, 1.0 - gaps / rules.discount_m).sum(axis=1)
@@ -65,24 +65,24 @@ class Explorer:
         self._moved_from: tuple[Place, int] | None = None
         self._shortened_from: tuple[Place, float, int] | None = None
         self.patience_s = rules.stall_move_s, rules.stall_path_s
-        """How long without a move, and without getting nearer, is a stall."""
+        """Stall limits: seconds without a move, seconds without a shorter path."""
         self.retreat_until = -1
         """Until this tick the robot walks back towards the MS."""
 
     def discovered(self, cells: int) -> None:
-        """New cells came from the own lidar: enough of them end a row of stalls."""
+        """Count new cells from the own lidar: enough of them end a row of stalls."""
         self._new_cells += cells
         if self._new_cells >= self._rules.progress_cells:
             self._new_cells = 0
             self._stalls = 0
 
     def rest(self) -> None:
-        """Something else than the search moved the robot: what it did then is no stall."""
+        """Start both stall limits anew: something other than the search moved the robot."""
         self._moved_from = None
         self._shortened_from = None
 
     def done(self, at: Place, target: Place | None, arrive_m: float) -> bool:
-        """Whether a new target is due: none yet, reached, or (ours) no frontier any more."""
+        """Whether a new target is due: there is none, it is reached [paper 6.1], or it is no frontier [paper 6.3]."""
         if target is None or math.dist(at, target) <= arrive_m:
             return True
         return self._rules.reselect_when_seen and not self._map.is_frontier(self._map.geometry.index(*target))
@@ -103,12 +103,12 @@ class Explorer:
             if open_.size:
                 worth = score(places[open_], lengths[open_], others_m, self._rules)
                 best = int(np.argmax(worth))
-                # What lies farther than the limit cannot be worth more than this.
+                # No frontier beyond the limit can score more than this.
                 if worth[best] >= self._rules.utility_m - limit_m:
                     return self._place(places, open_[best]), reach
         if not reached.size:
             return None
-        # Everything is taboo: the best of all, or a walk back after too many stalls in a row.
+        # Every frontier is taboo: take the best of all, and perhaps walk back first [paper 6.6].
         if self._stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
             seconds = self._rng.uniform(self._rules.retreat_min_s, self._rules.retreat_max_s)
             self.retreat_until = tick + ticks(seconds)
@@ -132,7 +132,7 @@ class Explorer:
         return allowed
 
     def stalled(self, tick: int, at: Place, target: Place, remaining_m: float) -> bool:
-        """No move in a while, or no nearer to the target in a longer while. If so, the target becomes taboo."""
+        """Whether the robot has long not moved, or not come nearer to its target; then the target becomes taboo."""
         rules = self._rules
         if not rules.stall:
             return False

@@ -1,16 +1,16 @@
-"""The forwarding table of the paper's Fig. 2.
+"""The forwarding table [paper 2.1, 2.2].
 
-DSDV elements: dst, next hop, hop count, sequence number. SRRC elements: location, cls; we add the target. How new an
-entry is, and how short, is one integer, so that Perkins & Bhagwat's rule ("a newer number always replaces, an equal one
-only with a smaller metric") is one comparison:
+DSDV elements: dst, next hop, hop count, sequence number. SRRC elements: location, cls; we add the target [paper 2.9].
+Sequence number and hop count form one integer, so that Perkins & Bhagwat's rule [paper 2.6] ("a newer number always
+replaces, an equal one only with a smaller metric") is one comparison:
 
     freshness = seqno * 256 + (255 - hop count), or -1 for an unknown destination.
 
-Freshness never falls at any node, and along next hops it never falls either; that is why no loop can arise.
-A broken entry (hop count 255, odd number) is kept, not deleted.
+Freshness never falls at any node, nor along next hops, so no loop can arise [paper 3.6]. A broken entry (hop count 255,
+odd number) is kept, not deleted.
 
-The columns are arrays over all destinations up to the highest one that is known: a node merges degree times N rows in
-every tick, most of them old news, and an index finds that out sooner than a hash does.
+The columns are arrays, and the destination's id is the index. A node merges degree x N rows in every tick, and most of
+them are old news; an index finds that out sooner than a hash does.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from bus.codec import WireError
 from world.terms import MAX_NODE, NOBODY, STATION, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
-"""A row on the air: dst, freshness, inherent elements."""
+"""A row in an update: dst, freshness, inherent elements."""
 
 _INHERENT: Final = struct.Struct("<H4i")
-"""What a destination says of itself, and others pass on unread: flags, and location and target (x, y). Every bit
-pattern is a valid one, so nothing in it has to be checked."""
+"""What a destination says of itself and others pass on unread: flags, location (x, y), target (x, y). Every bit pattern
+is valid, so nothing has to be checked."""
 
 _INHERENT_BYTES: Final = 18
 _PER_METRE: Final = 100_000.0
-"""Places travel in steps of 10 um, up to 21 km: coarser, and a robot that hugs a wall seems to stand in it."""
+"""Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
 _MOST_FRESH: Final = 1 << 62
-"""No destination gets that far; and a broken entry still counts one on."""
+"""No freshness is as large, even after the number of a broken entry is counted up."""
 _BAD_ROW: Final = -2
-"""What the loop returns for a row that can't be."""
+"""What the loop returns for an impossible row."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -54,7 +54,7 @@ def hop_of(freshness: int) -> int:
 
 
 def _possible(freshness: int) -> bool:
-    """Odd numbers are infinite, even ones are not, and none is out of reach."""
+    """Whether the hop count is infinite if and only if the number is odd, and the number within bounds."""
     return (freshness & 256 == 0) == (freshness & 255 > 0) and freshness < _MOST_FRESH
 
 
@@ -70,7 +70,7 @@ class ForwardingTable:
         self._inherent = bytearray()
 
     def freshness(self, dst: int) -> int:
-        """How new an entry is, and how short: see above."""
+        """Freshness of an entry: how new it is, and how short the route."""
         return self._freshness[dst] if dst < len(self._freshness) else -1
 
     def hop(self, dst: int) -> int:
@@ -82,16 +82,16 @@ class ForwardingTable:
         return self._next_hop[dst] if 0 <= dst < len(self._next_hop) else NOBODY
 
     def next_hops(self) -> array[int]:
-        """All next hops, by destination, as they are now; NOBODY where the metric is infinite."""
+        """A copy of all next hops, by destination; NOBODY where the metric is infinite."""
         return self._next_hop[:]
 
     def location_m(self, dst: int) -> tuple[float, float]:
-        """Where a known destination said that it is."""
+        """Location that a known destination announced."""
         _, x, y, _, _ = _INHERENT.unpack_from(self._inherent, dst * _INHERENT_BYTES)
         return x / _PER_METRE, y / _PER_METRE
 
     def target_m(self, dst: int) -> tuple[float, float]:
-        """The target that a known destination announced."""
+        """Target that a known destination announced."""
         _, _, _, x, y = _INHERENT.unpack_from(self._inherent, dst * _INHERENT_BYTES)
         return x / _PER_METRE, y / _PER_METRE
 
@@ -100,20 +100,20 @@ class ForwardingTable:
         return self._inherent[dst * _INHERENT_BYTES] & _CLS_BIT
 
     def needs(self, dst: int) -> bool:
-        """Whether a known destination announced its need (policy scout)."""
+        """Whether a known destination announced need (docs/scout.md)."""
         return bool(self._inherent[dst * _INHERENT_BYTES] & _NEED_BIT)
 
     def shape(self) -> tuple[bytes, list[int], list[int]]:
-        """What seldom changes: next hops, hop counts and classes."""
+        """The elements that change seldom: next hops, hop counts and classes."""
         hops = [freshness & 255 for freshness in self._freshness]
         return self._next_hop.tobytes(), hops, [self.cls(dst) for dst in self.known]
 
     def search_robots(self) -> list[int]:
-        """Other SRs to which there is a route, ascending (paper, II-A.3: the SRs in the network)."""
+        """Other SRs to which there is a route, ascending: the SRs of the network in [paper 4.3]."""
         return _rows.search_robots(self._next_hop, self._inherent, self.node)
 
     def set_route(self, dst: int, freshness: int, next_hop: int) -> None:
-        """Write the DSDV elements of one entry; the caller answers for the order of freshness."""
+        """Write the DSDV elements of one entry. The caller must not lower its freshness."""
         self._make_room(dst)
         if self._freshness[dst] < 0:
             self.known.append(dst)
@@ -139,20 +139,20 @@ class ForwardingTable:
     def merge(self, sender: int, rows: bytes, before: array[int], sticky: int) -> int:
         """Take over what one neighbor advertised.
 
-        Of several neighbors with the same freshest offer the present next hop is kept, else the first one wins.
+        Of several neighbors with the same freshest offer the present next hop wins, else the first one [paper 2.7].
 
         Args:
             sender: the neighbor.
-            rows: its table, a run of ROW.
-            before: `next_hops()` before the first update of this tick was merged.
-            sticky: a destination whose entry is not ours to touch (PROCEDURE 2).
+            rows: its table, a sequence of ROW.
+            before: `next_hops()` as it was before the first update of this tick.
+            sticky: a destination whose entry this leaves as it is: the MS [paper 3.2].
 
         Returns:
             Freshness of the neighbor's own entry for `sticky`, or -1.
 
         Raises:
-            WireError: not a run of ROW, a row that can't be, or the sender never said where it is; what came before it
-                is merged.
+            WireError: not a sequence of ROW, an impossible row, or no row of the sender's own. Rows before the error
+                are merged.
         """
         if len(rows) % ROW.size:
             raise WireError("not a run of rows")
@@ -162,19 +162,19 @@ class ForwardingTable:
         )  # fmt: skip
         if about_sticky == _BAD_ROW:
             raise WireError("number and metric disagree (odd means infinite), or there is no such node or number")
-        if sender != STATION and self.freshness(sender) < 0:  # where the MS is, everybody knows
+        if sender != STATION and self.freshness(sender) < 0:  # everybody knows where the MS is
             raise WireError("a table lacks its sender's own row")
         return about_sticky
 
     def break_via(self, neighbor: int) -> None:
-        """A link is gone: every route through it becomes infinite, with its number + 1 (odd)."""
+        """Break every route through a neighbor: infinite hop count, and number + 1, which is odd [paper 2.6, 2.8]."""
         for dst, hop in enumerate(self._next_hop):
             if hop == neighbor:
                 self._next_hop[dst] = NOBODY
                 self._freshness[dst] = (self._freshness[dst] >> 8) + 1 << 8
 
     def advertised(self) -> bytes:
-        """Encode the whole table as a run of ROW, in the order in which destinations became known."""
+        """Encode the whole table as a sequence of ROW, in the order in which destinations became known."""
         return _rows.advertised(self.known, self._freshness, self._inherent)
 
     def check_invariants(self) -> None:

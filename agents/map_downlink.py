@@ -1,4 +1,4 @@
-"""The merged map on its way down: the MS's numbered changes, handed from each node to the children that lag."""
+"""The merged map on its way down: each node hands the MS's numbered changes to children that lag [paper 7.6]."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from agents.messages import MapChunk
 from agents.neighbors import Neighbors
 
 _PATIENCE_TICKS: Final = 4
-"""A child's next update shows what it got two ticks after it was sent; later than this it is taken for lost."""
+"""A child's update shows two ticks after a chunk was sent that it arrived; after this long the chunk is sent again."""
 
 
 class MapDownlink:
-    """All changes of the MS's map that a node holds, without a gap, in the MS's order."""
+    """All changes of the MS's map that a node holds, in the MS's order and without a gap."""
 
     def __init__(self, chunk_cells: int) -> None:
         self._chunk_cells = chunk_cells
         self._cells: NDArray[np.uint32] = np.zeros(1024, np.uint32)
         self._values: NDArray[np.int8] = np.zeros(1024, np.int8)
         self.version = 0
-        """How many changes are held."""
+        """Number of changes held."""
         self._sent: dict[int, tuple[int, int]] = {}
 
     def append(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
-        """The next changes."""
+        """Add the next changes."""
         end = self.version + len(cells)
         if end > len(self._cells):
             room = max(end, 2 * len(self._cells)) - len(self._cells)
@@ -37,7 +37,7 @@ class MapDownlink:
         self.version = end
 
     def receive(self, chunk: MapChunk) -> tuple[NDArray[np.uint32], NDArray[np.int8]]:
-        """What is new in a chunk; a chunk that would leave a gap brings nothing."""
+        """Take a chunk; returns the new cells and values, none of them if the chunk would leave a gap."""
         known = self.version - chunk.first
         if known < 0 or known >= len(chunk.cells):
             return chunk.cells[:0], chunk.values[:0]

@@ -1,4 +1,4 @@
-"""What robots say to one another inside the frames that the medium carries, and the table that they show.
+"""Payloads of the frames that robots send one another, and the forwarding table that they show to the recorder.
 
 Each payload is one msgpack list whose first field is its kind.
 """
@@ -17,7 +17,7 @@ from world.messages import sightings
 from world.terms import MAX_NODE, MAX_TICK, NOBODY
 
 ACK: Final = struct.Struct("<HHI")
-"""Robot, incarnation, number: the highest scan report of a robot's incarnation that the MS has without a gap."""
+"""Robot, incarnation, number: the MS has all scan reports of that incarnation up to that number."""
 
 _U4: Final = np.dtype("<u4")
 _I1: Final = np.dtype("i1")
@@ -26,7 +26,7 @@ _I2: Final = np.dtype("<i2")
 _U1: Final = np.dtype("u1")
 
 MOST_HOPS: Final = 64
-"""Hops that a scan report may take: a bound on what a moving tree can do to it."""
+"""Most hops that a scan report may take, since the tree moves while the report travels."""
 
 UPDATE: Final = 1
 SCAN_REPORT: Final = 2
@@ -34,7 +34,7 @@ MAP_CHUNK: Final = 3
 
 
 def kind_of(payload: bytes) -> int:
-    """Kind of a payload, without decoding it: a fixarray header, then a positive fixint."""
+    """Kind of a payload, without decoding it: msgpack begins with a fixarray header and a positive fixint."""
     if len(payload) < 2 or payload[0] & 0xF0 != 0x90:
         raise WireError("not a payload")
     return payload[1]
@@ -42,18 +42,18 @@ def kind_of(payload: bytes) -> int:
 
 @dataclass(slots=True, init=False)
 class Update:
-    """A routing update, broadcast every tick: the whole table, and what is for neighbors only."""
+    """A routing update, broadcast every tick: the whole forwarding table, and what is for neighbors only."""
 
     nms: int
-    """For neighbors only; gives them inv (paper, II-A.1)."""
+    """For neighbors only, who learn their inv from it [paper 2.3]."""
     hold: int
-    """Robot whom the sender asks to yield (policy scout), or NOBODY."""
+    """For neighbors only: the robot that the sender asks to yield (rule C of docs/scout.md), or NOBODY."""
     map_version: int
-    """How many of the MS's map changes the sender holds."""
+    """For neighbors only: number of the MS's map changes that the sender holds."""
     rows: bytes
-    """A run of agents.forwarding_table.ROW, checked where it is merged."""
+    """A sequence of agents.forwarding_table.ROW; `ForwardingTable.merge` checks it."""
     acks: bytes
-    """A run of ACK that goes with the MS's entry."""
+    """A sequence of ACK that belongs to the MS's entry."""
 
     def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes) -> None:
         self.nms = nms
@@ -77,12 +77,12 @@ class Update:
 
 @dataclass(slots=True, init=False)
 class ScanReport:
-    """What one lidar scan changed in its robot's map, carried hop by hop to the MS."""
+    """What one lidar scan changed in its robot's map. It travels hop by hop to the MS."""
 
     origin: int
     incarnation: int
     number: int
-    """1, 2, ... within the incarnation."""
+    """Counts from 1 within the incarnation."""
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
     victims: tuple[tuple[int, float, float], ...]
@@ -123,7 +123,7 @@ class ScanReport:
 
 
 def one_hop_on(report: bytes) -> bytes | None:
-    """The payload with which a relay passes an encoded scan report on, unread; None when it has come too far.
+    """The payload with which a relay passes on an encoded scan report, unread; None if it has taken too many hops.
 
     Raises:
         WireError: not a scan report.
@@ -145,7 +145,7 @@ def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
 
 @dataclass(slots=True, init=False)
 class MapChunk:
-    """The MS's map changes number `first` .. `first` + n - 1, on their way down."""
+    """The MS's map changes number `first` to `first` + n - 1, on their way down."""
 
     first: int
     cells: NDArray[np.uint32]
@@ -169,7 +169,7 @@ class MapChunk:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A robot's forwarding table with every column of the paper's Fig. 2; for the recording only."""
+    """A robot's forwarding table with every column of Fig. 2 [paper 2.4]; for the recording only."""
 
     tick: int
     node: int

@@ -1,4 +1,4 @@
-"""How far places are from the MS along the own map (paper, II-A.3 rule 2)."""
+"""How far places are from the MS along the own map [paper 4.4, 4.6]."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
 
 _RENEW_TICKS: Final = 50
-"""Only the order of distances matters, and a robot needs longer than this for the margin of an MSR."""
+"""Shortest time between two searches. Only the order of distances matters, and it changes slowly."""
 
 
 class MsDistance:
-    """Path lengths from the MS, searched anew when the map changed and somebody asks."""
+    """Path lengths from the MS. A question starts a new search if the map has changed and the last search is old."""
 
     def __init__(self, own_map: OwnMap, planner: Planner, station_m: tuple[float, float]) -> None:
         self._map = own_map
@@ -25,15 +25,13 @@ class MsDistance:
         self._version = -1
         self._made_tick = -_RENEW_TICKS
         self._reach: Reach | None = None
-        self.tick = 0
-        """The present tick; set by the owner."""
 
-    def __call__(self, places_m: Sequence[tuple[float, float]]) -> list[float]:
+    def lengths_m(self, tick: int, places_m: Sequence[tuple[float, float]]) -> list[float]:
         """Path lengths in metres from the MS to places.
 
-        A place off the known free cells, as when the map lags behind its robot, counts from the nearest reached cell.
+        A place that is on no known free cell (the map lags behind its robot) counts from the nearest reached cell.
         """
-        reach = self._renewed()
+        reach = self._renewed(tick)
         g = self._map.geometry
         lengths: list[float] = reach.lengths_m(np.array([g.index(x, y) for x, y in places_m], np.int64)).tolist()
         for k, (x, y) in enumerate(places_m):
@@ -41,10 +39,10 @@ class MsDistance:
                 lengths[k] = reach.length_near_m(x, y)
         return lengths
 
-    def _renewed(self) -> Reach:
-        stale = self._version != self._map.version and self.tick - self._made_tick >= _RENEW_TICKS
+    def _renewed(self, tick: int) -> Reach:
+        stale = self._version != self._map.version and tick - self._made_tick >= _RENEW_TICKS
         if self._reach is None or stale:
             g = self._map.geometry
             self._reach = self._planner.reach(self._planner.nearest_free(g.index(*self._station_m)))
-            self._version, self._made_tick = self._map.version, self.tick
+            self._version, self._made_tick = self._map.version, tick
         return self._reach

@@ -1,4 +1,4 @@
-"""Whom a node hears: one record per neighbor, and how far away received power says that it is."""
+"""Whom a node hears: one record per neighbor, with its distance by received power."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from world.terms import NOBODY, TICK_S
 
 @dataclass(slots=True)
 class Neighbor:
-    """What a neighbor's last update said that concerns neighbors only."""
+    """When and how loud a neighbor was heard, and the parts of its last update that are for neighbors only."""
 
     node: int
     heard_tick: int = -1
     rx_power_dbm: float = 0.0
     """Smoothed, if the configuration says so."""
     distance_m: float = math.inf
-    """From received power (paper, II-B)."""
+    """From received power [paper 5.3, 5.4]."""
     nms: int = NOBODY
     hold: int = NOBODY
     map_version: int = 0
     ms_freshness: int = -1
-    """Of its own entry for the MS (agents/forwarding_table.py)."""
+    """Freshness of its own entry for the MS (agents/forwarding_table.py)."""
     acks: bytes = b""
 
     @property
@@ -53,7 +53,7 @@ class Neighbors:
         self.by_id: dict[int, Neighbor] = {}
 
     def hear(self, node: int, tick: int, rx_power_dbm: float) -> Neighbor:
-        """Note that a frame of `node` arrived; returns its record."""
+        """Note that a frame of `node` arrived; returns the neighbor's record."""
         neighbor = self.by_id.get(node)
         if neighbor is None:
             neighbor = self.by_id[node] = Neighbor(node, rx_power_dbm=rx_power_dbm)
@@ -63,7 +63,7 @@ class Neighbors:
         return neighbor
 
     def expire(self, tick: int) -> list[int]:
-        """Forget neighbors that were silent for the time-out; returns their ids, ascending."""
+        """Forget neighbors that were silent for the time-out [paper 2.8]; returns their ids, ascending."""
         limit = tick - self._timeout_ticks
         gone = sorted(node for node, n in self.by_id.items() if n.heard_tick <= limit)
         for node in gone:
@@ -71,7 +71,7 @@ class Neighbors:
         return gone
 
     def silent(self, node: int, tick: int) -> bool:
-        """No power arrives: unknown, or not heard for the silence limit (PROCEDURE 9, rule A)."""
+        """Whether no power arrives from `node`: unknown, or not heard for the silence limit (rule A [paper 3.7])."""
         neighbor = self.by_id.get(node)
         return neighbor is None or tick - neighbor.heard_tick >= self._silence_ticks
 
@@ -80,5 +80,5 @@ class Neighbors:
         return math.inf if self.silent(node, tick) else self.by_id[node].distance_m
 
     def naming(self, node: int) -> list[int]:
-        """Tell inv of `node`: the neighbors whose NMS it is, ascending (paper, II-A.1)."""
+        """The inv of `node`: the neighbors whose NMS it is, ascending [paper 2.2, 2.3]."""
         return sorted(n.node for n in self.by_id.values() if n.nms == node)

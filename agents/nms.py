@@ -1,26 +1,26 @@
-"""The route to the MS and its next hop, the NMS (PROCEDURE 2).
+"""The route to the MS and its next hop, the NMS [paper 3.2].
 
-Plain minimum-hop DSDV chooses links near r_t, which the recovery radius then pulls taut. So the MS's entry is sticky:
-refreshed by the present NMS only, and changed only so:
+Plain minimum-hop DSDV chooses links of almost length r_t, and link recovery then pulls robots back. So the MS's entry
+is sticky: only the present NMS refreshes it, and only three rules change the NMS:
 
-    a. no route           adopt the best neighbor with a finite route of a newer number
-    b. link weak          now and then stop refreshing for a while; adopt a potential NMS (paper, II-B) whose number
-                          passes the frozen one. A descendant's number never can, so no loop arises.
-    c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop
+    a. no route           adopt the best neighbor with a finite route of a newer number [paper 3.3]
+    b. link weak          now and then stop refreshing for a while; adopt a potential NMS whose number passes the frozen
+                          one [paper 3.4]. A descendant's number never can, so no loop arises.
+    c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop [paper 3.5]
 
-A policy may say that a link is weaker than its power (`predicted_m`), weak later (`reach_m`), or as good as weak,
-because the robot is about to walk out of it (`leaving`).
+`links` says how good a link is: by received power, or as a policy knows better (link_quality.py).
 
-Each change raises the entry's freshness (agents/forwarding_table.py), which is the whole proof of freedom from loops.
+Each change raises the entry's freshness (agents/forwarding_table.py); the proof of freedom from loops needs no more
+[paper 3.6].
 """
 
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable
+from agents.link_quality import LinkQuality
 from agents.neighbors import Neighbor, Neighbors
 from world.terms import NOBODY, STATION, UNREACHABLE
 
@@ -33,16 +33,12 @@ class MsRoute:
         self._table = table
         self._neighbors = neighbors
         self.r_in_m = self._rules.r_in_share * config.radius_m
-        self.reach_m = self.r_in_m
-        """d_in beyond which the link to the NMS is weak: r_in, unless a policy stretches it."""
-        self.predicted_m: Callable[[int], float] | None = None
-        """How far a neighbor will seem with the walls in between that the own map knows."""
-        self.leaving: Callable[[int], bool] | None = None
-        """Whether a neighbor stays near where the robot wants to go, which its NMS does not; None: it does."""
+        self.links = LinkQuality(neighbors, self.r_in_m)
+        """How good the links are; a policy may put its own here, before its first step."""
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
-        """Acknowledgements of the MS, as they came with its entry."""
+        """Acknowledgements of the MS, from the last update of the NMS."""
 
     @property
     def nms(self) -> int:
@@ -59,13 +55,13 @@ class MsRoute:
         return self._table.freshness(STATION) >> 8
 
     def step(self, tick: int, rng: random.Random) -> None:
-        """Refresh or change the route, after the tick's updates were absorbed and lost neighbors expired."""
+        """Refresh or change the route. The tick's updates have been absorbed, and lost neighbors have expired."""
         if self._rules.sticky:
             if self.nms != NOBODY:
                 self._refresh(tick)
             if self.nms == NOBODY:
                 self._adopt(self._any_route(tick))
-            elif self.leaving is not None or self.weak(tick):
+            elif self.links.leaving() or self.weak(tick):
                 self._probe(tick, rng)
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
@@ -73,13 +69,11 @@ class MsRoute:
             self.acks = self._neighbors.by_id[self.nms].acks
 
     def weak(self, tick: int) -> bool:
-        """d_in > r_in; silence is distance (rule A)."""
-        if self._neighbors.distance_m(self.nms, tick) > self.reach_m:
-            return True
-        return self.predicted_m is not None and self.predicted_m(self.nms) > self.reach_m
+        """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""
+        return self.links.weak(self.nms, tick)
 
     def _refresh(self, tick: int) -> None:
-        """Follow the NMS's own entry; while frozen, only when it says that the route is lost."""
+        """Follow the NMS's own entry; while frozen, only if the NMS has lost its route."""
         nms = self._neighbors.by_id[self.nms]
         newer = nms.ms_seqno > self._seqno
         if newer and (nms.ms_hop == UNREACHABLE or tick > self._frozen_until):
@@ -95,7 +89,7 @@ class MsRoute:
             self._frozen_until = -1
 
     def _offers(self, tick: int, within_m: float) -> list[Neighbor]:
-        """Neighbors, not silent, with a finite route that does not lead through this node, ascending by id."""
+        """Neighbors that are not silent and have a finite route and another NMS than this node, ascending by id."""
         me = self._table.node
         return [
             n
@@ -127,8 +121,8 @@ class MsRoute:
             self._adopt(min(passed, key=lambda n: (n.ms_hop, n.distance_m), default=None))
 
     def _lasting(self, offers: list[Neighbor]) -> list[Neighbor]:
-        """Those that stay near where the robot wants to go. What rule b left must not come back by rule c at once."""
-        return offers if self.leaving is None else [n for n in offers if self.leaving(n.node)]
+        """Those that stay near where the robot wants to go: rule c must not take back the NMS that rule b just left."""
+        return [n for n in offers if self.links.lasting(n.node)]
 
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
@@ -137,10 +131,12 @@ class MsRoute:
             if neighbor.ms_hop + 1 < hops:
                 break
         else:
-            return None  # as mostly
+            return None  # the usual case
         seqno = self._seqno
         near = self._lasting(self._offers(tick, self._shortcut_m))
-        offers = [n for n in near if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops]
-        if self.predicted_m is not None:
-            offers = [n for n in offers if self.predicted_m(n.node) <= self._shortcut_m]
+        offers = [
+            n
+            for n in near
+            if n.ms_seqno >= seqno and n.ms_hop + 1 < self.hops and self.links.within(n.node, self._shortcut_m)
+        ]
         return min(offers, key=lambda n: (n.ms_hop, n.distance_m), default=None)

@@ -1,4 +1,4 @@
-"""A robot's own map: what its lidar saw and what the MS sent down, and the graph of cells that it may walk.
+"""A robot's own map: the cells that its lidar saw, and those that the MS sent down.
 
 Free cells come from the inverse range-sensor model of Thrun, Burgard & Fox, Probabilistic Robotics, table 9.2: a cell
 is free if its center is nearer than the range of the beam that points at it. Occupied beats free beats unknown.
@@ -17,13 +17,13 @@ from agents.config import RobotConfig
 from world.grid import FREE, OCCUPIED, UNKNOWN
 
 _INTO_WALL_M: Final = 1e-9
-"""How far behind the point of impact the wall's cell begins; ranges are exact, so rounding is all that it must beat."""
+"""How far behind the end of a beam the wall's cell is looked up. Ranges are exact, so this only outdoes rounding."""
 
 _NONE: Final = np.zeros(0, np.int64)
 
 
 class OwnMap:
-    """Cells in {UNKNOWN, FREE, OCCUPIED}, flat, in the geometry that the whole run shares."""
+    """Cells in {UNKNOWN, FREE, OCCUPIED}, flat, in the grid that all maps of the run share."""
 
     def __init__(self, config: RobotConfig) -> None:
         self.geometry = config.geometry
@@ -46,7 +46,7 @@ class OwnMap:
     def integrate(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """Take a scan from a place into the map; returns the cells that changed and their new values.
+        """Integrate a scan taken at a place; returns the cells that changed and their new values.
 
         Raises:
             ValueError: the scan has not the configured number of beams.
@@ -73,7 +73,7 @@ class OwnMap:
         )  # fmt: skip
 
     def _hit(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Cells, ascending, not yet known as walls that a scan shows to be walls."""
+        """Cells, ascending, that a scan shows to be walls and that are not yet known as such."""
         g = self.geometry
         cells = _cells.hit(
             self.cells, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m,
@@ -82,7 +82,7 @@ class OwnMap:
         return np.array(sorted(set(cells.tolist())), np.int64)
 
     def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
-        """Merge cells from elsewhere.
+        """Merge cells that came from the MS.
 
         Raises:
             IndexError: a cell lies outside the grid.
@@ -93,12 +93,12 @@ class OwnMap:
             self.version += 1
 
     def changes(self, since: int) -> tuple[NDArray[np.int64], int]:
-        """The cells that changed, in any order, some perhaps twice, and what to ask with the next time (at first 0)."""
+        """Cells that changed since a mark (0 at first), in any order, some perhaps twice; and the next mark."""
         new = self._changed[since:]
         return np.concatenate(new) if new else _NONE, len(self._changed)
 
     def is_frontier(self, index: int) -> bool:
-        """Known free, next to unknown (4 neighbors); the border of the grid counts as known."""
+        """Whether a cell is known free and one of its four neighbors unknown; outside of the grid counts as known."""
         return _cells.is_frontier(self.cells, self.geometry.cols, index)
 
     def frontiers(self) -> NDArray[np.int64]:
@@ -114,18 +114,18 @@ class OwnMap:
         return np.flatnonzero(beside)
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
-        """Every cell on a segment is known free."""
+        """Whether every cell on a segment is known free."""
         return self.obstacles(x0_m, y0_m, x1_m, y1_m) == 0
 
     def obstacles(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> int:
-        """Contiguous runs of cells on a segment that are not known to be free; all that is outside counts as one.
+        """Number of contiguous runs of cells on a segment that are not known to be free; 1 if it leaves the grid.
 
         Between two crossings of grid lines lies one cell.
         """
         g = self.geometry
         u0, v0 = (x0_m - g.x0_m) / g.resolution_m, (y0_m - g.y0_m) / g.resolution_m
         du, dv = (x1_m - x0_m) / g.resolution_m, (y1_m - y0_m) / g.resolution_m
-        # A peer may say that it is anywhere, and noise may put a robot outside.
+        # A peer may announce any location, and noise may put a robot outside of the grid.
         if not (0.0 <= u0 < g.cols and 0.0 <= v0 < g.rows and 0.0 <= u0 + du < g.cols and 0.0 <= v0 + dv < g.rows):
             return 1
         return _cells.obstacles(self.cells, g.cols, u0, v0, du, dv)

@@ -1,6 +1,6 @@
 """Shortest paths over the known free cells of a robot's own map.
 
-A step leads to one of eight neighbors; a diagonal one needs both cells that it passes between.
+A step leads to one of eight neighboring cells. A diagonal step needs both cells that it passes between.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from world.grid import FREE, GridGeometry
 class Reach:
     """Path lengths from one cell to all others that can be reached over known free cells.
 
-    Shortest path lengths are unique, paths are not: of two cells that a path may come from, it comes from the one
-    nearer to the source, and of two as near from the one with the lower index.
+    Shortest path lengths are unique, paths are not. Of two cells that a path may come from, it comes from the one
+    nearer to the source, and of two that are as near from the one with the lower index.
     """
 
     def __init__(self, geometry: GridGeometry, lengths_m: NDArray[np.float64]) -> None:
@@ -27,7 +27,7 @@ class Reach:
         self._lengths_m = lengths_m
 
     def length_m(self, cell: int) -> float:
-        """Path length to a cell; infinite if it was not reachable when this was made."""
+        """Path length to a cell; infinite if no path led there at the time of the search."""
         return float(self._lengths_m[cell])
 
     def lengths_m(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -40,14 +40,14 @@ class Reach:
         return np.flatnonzero(self._lengths_m < math.inf)
 
     def length_near_m(self, x_m: float, y_m: float) -> float:
-        """Path length to the reached cell whose center is nearest to a place, and from there straight."""
+        """Path length to the reached cell whose center is nearest to a place, plus the straight line from there."""
         g = self._geometry
         return _search.length_near(
             self._lengths_m, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m)
         )
 
     def path(self, cell: int) -> list[int]:
-        """The cells from the source (left out) to a reachable cell.
+        """The cells on the path to a reachable cell, without the source.
 
         Raises:
             ValueError: no path leads there.
@@ -65,12 +65,12 @@ class Planner:
         self._discovered: list[NDArray[np.int64]] = []
         """Cells in the order in which they became known as free."""
         self._seen = 0
-        """Changes of the map that are in there."""
+        """Mark of the map's changes that are in `_discovered` (`OwnMap.changes`)."""
 
     def nearest_free(self, cell: int) -> int:
-        """`cell` itself if it is known free, else the nearest cell that is: of several the one that was known first.
+        """`cell` itself if it is known free, else the nearest cell that is; of several the one that became known first.
 
-        Those that became known between two questions count by their index.
+        Cells that became known between two calls count in the order of their index.
         """
         self._discover()
         if self._map.cells[cell] == FREE:
@@ -84,11 +84,11 @@ class Planner:
         return int(free[int(np.argmin((rows_of - row) ** 2 + (cols_of - col) ** 2))])
 
     def reach(self, source: int, limit_m: float = math.inf) -> Reach:
-        """Shortest paths from a known free cell, no farther than `limit_m`; beyond counts as unreachable."""
+        """Shortest paths from a known free cell; cells farther than `limit_m` count as unreachable."""
         return self._search(source, limit_m, -1)
 
     def path(self, source: int, cell: int) -> list[int]:
-        """The cells of the shortest path from a known free cell (left out) to another; none if there is no path."""
+        """The cells on the shortest path between two known free cells, without the first; none if there is no path."""
         reach = self._search(source, math.inf, cell)
         return reach.path(cell) if reach.length_m(cell) < math.inf else []
 
@@ -102,7 +102,7 @@ class Planner:
             self._discovered.append(new)
 
     def _search(self, source: int, limit_m: float, until: int) -> Reach:
-        """Shortest paths; those longer than the one to the cell `until` may be missing or too long."""
+        """Shortest paths. Those longer than the path to the cell `until` may be missing or too long."""
         self._discover()
         g = self._map.geometry
         return Reach(g, _search.lengths(self._map.cells, g.cols, g.resolution_m, source, limit_m, until))

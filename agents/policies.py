@@ -1,4 +1,4 @@
-"""Which class decides for a robot, by the name in a scenario: `vds`, `scout`, or `module:Class`."""
+"""Policy classes by their name in a scenario: `vds`, `scout`, or `module:Class`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout}
 
 
 class PolicyError(ValueError):
-    """A name that leads to no policy."""
+    """The name of a policy that does not exist."""
 
 
 def policy_class(name: str) -> type[Vds]:
-    """Look a policy up.
+    """The policy class of a name.
 
     Raises:
         PolicyError: no such name, module or class, or a class that is not derived from agents.vds.Vds.
@@ -27,7 +27,7 @@ def policy_class(name: str) -> type[Vds]:
     if not colon:
         raise PolicyError(f"should be one of {', '.join(_NAMED)}, or module:Class")
     if "" not in sys.path:
-        sys.path.append("")  # a policy of one's own mostly lies where the run is started
+        sys.path.append("")  # a user's policy mostly lies in the folder where the run is started
     try:
         found = getattr(importlib.import_module(module), attribute, None)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""A robot as a process: senses and inbox in, frames and motion out."""
+"""A robot as a process: sense and inbox in, frames and motion out."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["run"]
 def run(config: RobotConfig, login: Login) -> None:
     """Run one robot until the run ends.
 
-    A new process is a new incarnation with an empty memory; one that was paused goes on with what it knew.
+    A new process is a new incarnation with an empty memory. A process that was paused goes on with what it knew.
 
     Raises:
         SystemExit: world, medium or router were lost or never there (status 3), or another living process is this
-            robot (status 4).
+            robot already (status 4).
     """
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     with exit_status():

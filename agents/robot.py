@@ -1,20 +1,22 @@
-"""The core of one robot: absorbs what it sensed and heard at a tick, decides, then says what it sends and does."""
+"""The core of one robot: it absorbs what it sensed and heard at a tick, decides, and returns its frames and motion."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 
 import numpy as np
 
 from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.map_downlink import MapDownlink
-from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, Table, Update, kind_of
+from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
+from agents.payloads import sort_payloads
 from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError
 from bus.phases import Mark, unmarked
-from medium.messages import BROADCAST, Frame, Inbox, Reception
+from medium.messages import BROADCAST, Frame, Inbox
 from world.messages import Motion, Sense, Status
 from world.terms import NOBODY, Cls, Mode
 
@@ -25,24 +27,28 @@ class Robot:
     """Sans-IO: no clock, no threads, no Zenoh. One instance is one incarnation."""
 
     def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
-        """A new incarnation of a robot stays silent and deaf on routes while its old routes die out (PROCEDURE 2)."""
+        """A new incarnation sends and learns no routes while its old routes die out [paper 2.10]."""
         quiet_until = config.rules.routing.quiet_until(incarnation, first_tick)
-        # A text seeds the same way on every machine and under every PYTHONHASHSEED.
+        # A string seeds the same way on every machine and under every PYTHONHASHSEED.
         rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config
         self.mark: Mark = unmarked
-        """Told at the end of each phase of a step."""
+        """Called at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
         self.policy = policy_class(config.policy)(self.body)
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)
         self.downlink = MapDownlink(reporting.chunk_cells)
+        self._handlers: dict[int, Callable[[bytes], None]] = {
+            SCAN_REPORT: self.uplink.carry,
+            MAP_CHUNK: self._take_map,
+        }
         self._victims_seen: set[int] = set()
         self.bad_frames = 0
         self._action = Action((0.0, 0.0), Mode.WAIT, Cls.SR, self.body.at)
         self._shown: object = None
-        """Of the table that was shown last, all but the locations."""
+        """The forwarding table that was shown last, without its locations."""
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
         """One tick.
@@ -54,7 +60,8 @@ class Robot:
         tick, body = sense.tick, self.body
         body.tick, body.at = tick, (sense.x_m, sense.y_m)
         mark = self.mark
-        updates = self._sort(inbox)
+        updates, bad = sort_payloads(inbox, self._handlers)
+        self.bad_frames += bad
         mark("decode")
         body.router.step(tick, updates)
         mark("routing")
@@ -67,25 +74,8 @@ class Robot:
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
 
-    def _sort(self, inbox: Inbox | None) -> list[Reception]:
-        """Take in what is addressed to this robot; returns the routing updates, which are for everyone."""
-        updates = []
-        for src, power, payload in inbox.receptions if inbox is not None else ():
-            try:
-                kind = kind_of(payload)
-                if kind == UPDATE:
-                    updates.append((src, power, payload))
-                elif kind == SCAN_REPORT:
-                    self.uplink.carry(payload)
-                elif kind == MAP_CHUNK:
-                    self._take_map(MapChunk.decode(payload))
-                else:
-                    raise WireError(f"unknown kind {kind}")
-            except WireError:
-                self.bad_frames += 1
-        return updates
-
-    def _take_map(self, chunk: MapChunk) -> None:
+    def _take_map(self, payload: bytes) -> None:
+        chunk = MapChunk.decode(payload)
         if not self.body.map.geometry.holds(chunk.cells):
             raise WireError("a cell lies outside the grid")
         cells, values = self.downlink.receive(chunk)
@@ -93,10 +83,10 @@ class Robot:
             self.body.map.apply(cells, values)
 
     def _scan(self, sense: Sense) -> None:
-        """Integrate a scan and report what it changed."""
+        """Integrate a scan, and report what it changed."""
         if not self._store_and_forward and self.body.router.ms.nms == NOBODY:
-            # The paper's rule: a point counts only if the robot has a path to the MS meanwhile. What is not taken into
-            # the map now will be news again later.
+            # A point counts only if the robot has a path to the MS meanwhile [paper 7.2]. The map leaves the scan out
+            # too, so that its cells are new again later.
             self.uplink.discarded += 1
             return
         assert sense.ranges_m is not None
@@ -130,7 +120,7 @@ class Robot:
         )  # fmt: skip
 
     def table(self) -> Table | None:
-        """Show the forwarding table for the recording, once a second at most; None if nothing but locations changed."""
+        """The forwarding table for the recording, once a second at most; None if only locations changed since."""
         tick, router, msr = self.body.tick, self.body.router, self._action.msr
         if (tick + self.config.node) % _TABLE_INTERVAL_TICKS:
             return None

@@ -1,4 +1,4 @@
-"""Scans on their way up: numbered reports, unicast hop by hop to the NMS, kept until the MS acknowledges them."""
+"""Scans on their way up: numbered reports, sent to the NMS and kept until the MS acknowledges them [paper 7.5]."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from world.terms import TICK_S
 
 
 class ScanUplink:
-    """The reports of one robot incarnation, and those that it carries for others."""
+    """The reports of one incarnation of a robot, and those that it carries for other robots."""
 
     def __init__(self, node: int, incarnation: int, rules: Reporting) -> None:
         self._node = node
@@ -22,25 +22,25 @@ class ScanUplink:
         self._carried: list[bytes] = []
         self._acks = b""
         self._ack = ACK.pack(node, incarnation, 0)[:4]
-        """How what the MS says of this incarnation begins."""
+        """First bytes of the ACK for this incarnation."""
         self.made = 0
         self.discarded = 0
 
     @property
     def buffered(self) -> int:
-        """Reports made that the MS has not acknowledged."""
+        """Number of reports that the MS has not acknowledged."""
         return len(self._unacknowledged)
 
     def make(
         self, cells: NDArray[np.uint32], values: NDArray[np.int8], victims: tuple[tuple[int, float, float], ...]
     ) -> None:
-        """Number a report of what a scan changed, and keep it."""
+        """Make the next report of what a scan changed, and keep it."""
         self.made += 1
         report = ScanReport(self._node, self._incarnation, self.made, cells, values, victims)
         self._unacknowledged[self.made] = report.encode()
 
     def carry(self, report: bytes) -> None:
-        """Pass a report on that another robot sent through this one; without a route its origin will send it again.
+        """Take a report of another robot, to pass it on. Without a route it is dropped, and its origin sends it again.
 
         Raises:
             WireError: not a scan report.
@@ -49,7 +49,7 @@ class ScanUplink:
             self._carried.append(onward)
 
     def acknowledge(self, acks: bytes) -> None:
-        """Forget what the MS says that it has."""
+        """Forget the reports that the MS has."""
         if acks == self._acks:
             return
         self._acks = acks
@@ -63,9 +63,9 @@ class ScanUplink:
                 self._sent_tick.pop(number, None)
 
     def due(self, tick: int, hops: int) -> list[bytes]:
-        """Payloads to send to the NMS now, given a route of `hops`: carried ones, new ones, overdue ones.
+        """Payloads to send to the NMS now, over a route of `hops`: carried, new and overdue reports.
 
-        A report is overdue after twice the round trip; one hop costs a tick each way.
+        A report is overdue after twice the round trip; a hop costs one tick each way.
         """
         carried, self._carried = self._carried, []
         patience = max(self._resend_min_ticks, 2 * 2 * hops)
@@ -75,5 +75,5 @@ class ScanUplink:
         return carried + [self._unacknowledged[n] for n in late]
 
     def drop_carried(self) -> None:
-        """There is no route: what was to be passed on is lost here, and sent again by its origin."""
+        """Drop carried reports, for want of a route; their origins send them again."""
         self._carried.clear()

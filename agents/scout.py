@@ -1,23 +1,23 @@
-"""Policy scout: our own rules on top of the paper's, for radios that walls stop. First that applies:
+"""Policy scout: our own rules on top of the paper's, for radios that walls stop (docs/scout.md). First that applies:
 
-1. No route                                    APR, as in the paper.
+1. No route                                    APR, as in `vds`.
 2. NMS silent, d_in or p(me, NMS) > r_in'      trace the NMS, look for a potential NMS.
 3. The NMS holds me                            trace the NMS: yield.
 4. RR, NMSR silent or d_out > r_out            trace the NMSR. (B, C)
 5. otherwise                                   walk to the target. (B, C, D)
 
-p(x, y) is the distance at which y will seem from x: metres times `wall_factor` for each run of cells between them that
-the own map does not know to be free. Others are taken to stand where they were last heard. For the next position q:
+p(x, y) is the distance at which y will seem to be when heard from x, with the walls in between (predicted_links.py).
+q is the next position:
 
-B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that stays near at q.
-C        a wall comes between q and a child (in 2 to 5): stand, and unless B stopped me ask the child to yield (hold).
-D        walk at 2 km/h, an SR only while more than 10 m remain (the paper keeps 2 km/h for tracing).
+B        p(q, NMS) > r_in' and not shrinking: stand; meanwhile adopt a potential NMS that is near at q.
+C        in 2 to 5, a wall comes between q and a child: stand; unless B stops me, ask the child to yield (hold).
+D        walk at 2 km/h, an SR only while more than 10 m remain ([paper 5.9] keeps 2 km/h for tracing).
 need     an SR that B stopped for long enough is in need, and says so to all.
 recruit  an SR in need takes over the target of a deeper SR in need.
-wait     an SR in need is patient before it calls itself stalled, while others may come to help.
+wait     an SR in need has longer stall limits while others may come to help.
 stretch  r_in' = 0.95 r_t for an SR in need, and for the relays behind it.
 
-Everything used here is the robot's own map, its senses and its neighbors' updates.
+A robot uses only its own map, its senses and its neighbors' updates.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from mypy_extensions import mypyc_attr
 
 from agents.body import Body, Place
 from agents.explorer import ticks
+from agents.predicted_links import PredictedLinks
 from agents.vds import STILL, Vds, Velocity
 from world.terms import NOBODY, TICK_S, Cls, Mode
 
@@ -48,25 +49,15 @@ class Scout(Vds):
         self._needed_tick = -(10**9)
         self._stretched_to = NOBODY
         self._leader = NOBODY
-        """The deeper SR whose target this one has taken over."""
+        """The deeper SR whose target this robot has taken over."""
         self._next: Place = body.at
-        if self._scouting.predict and body.config.wall_factor > 1.0:
-            body.router.ms.predicted_m = lambda node: self.predicted_m(self.body.at, node)
-
-    def predicted_m(self, place: Place, node: int) -> float:
-        """p: how far a node will seem from a place."""
-        other = self.body.router.table.location_m(node)
-        metres = math.dist(place, other)
-        factor = self.body.config.wall_factor
-        if factor == 1.0:
-            return metres
-        walls = self.body.map.obstacles(*place, *other)
-        return metres * factor**walls if walls else metres
+        self.links = PredictedLinks(body, predict=self._scouting.predict)
+        body.router.ms.links = self.links
 
     def behave(self, cls: Cls) -> tuple[Velocity, Mode]:
         """Rules 1 to 5."""
         ms = self.body.router.ms
-        self.hold, ms.leaving = NOBODY, None
+        self.hold, self.links.held_from = NOBODY, None
         if self.body.tick < self.body.router.quiet_until or ms.nms == NOBODY:
             self._count(stopped=False)
             return super().behave(cls)
@@ -82,14 +73,14 @@ class Scout(Vds):
         stopped = bound and self._scouting.predict and self._leaves_nms()
         self._count(stopped=stopped and cls is Cls.SR)
         if stopped:
-            ms.leaving = lambda node: self.predicted_m(self._next, node) <= ms.r_in_m
+            self.links.held_from = self._next
         child = self._loses_child() if self._scouting.shield else NOBODY
         if child != NOBODY and not stopped:
             self.hold = child
         return (STILL, Mode.WAIT) if stopped or child != NOBODY else (velocity, mode)
 
     def _move(self, cls: Cls) -> tuple[Velocity, Mode, bool]:
-        """Rules 2 to 5; the last value tells whether B binds."""
+        """Rules 2 to 5; the last value tells whether B may stop the robot."""
         tick, router = self.body.tick, self.body.router
         nms = router.ms.nms
         if router.ms.weak(tick) or (self._scouting.shield and router.neighbors.by_id[nms].hold == router.node):
@@ -99,16 +90,16 @@ class Scout(Vds):
         return *self.walk(self._speed_m_s(cls)), True
 
     def _speed_m_s(self, cls: Cls) -> float:
-        """D."""
+        """D: the walking speed."""
         moving, scouting = self.rules.moving, self._scouting
         near = cls is Cls.SR and self.to_target.remaining_m(self.body.at) <= scouting.hurry_beyond_m
         return moving.trace_speed_m_s if scouting.hurry and not near else moving.speed_m_s
 
     def _leaves_nms(self) -> bool:
-        """B."""
-        ms = self.body.router.ms
-        then = self.predicted_m(self._next, ms.nms)
-        return then > ms.reach_m and then >= self.predicted_m(self.body.at, ms.nms)
+        """B: whether the next step leads out of the reach of the NMS."""
+        nms = self.body.router.ms.nms
+        then = self.links.predicted_m(self._next, nms)
+        return then > self.links.reach_m and then >= self.links.predicted_m(self.body.at, nms)
 
     def _loses_child(self) -> int:
         """C: the first child that a wall would hide, or NOBODY."""
@@ -119,16 +110,16 @@ class Scout(Vds):
         for child in router.inv:
             if math.dist(self._next, router.table.location_m(child)) > self.r_out_m:
                 continue
-            then = self.predicted_m(self._next, child)
+            then = self.links.predicted_m(self._next, child)
             if then <= self.r_out_m:
                 continue
-            now = self.predicted_m(self.body.at, child)
+            now = self.links.predicted_m(self.body.at, child)
             if now <= self.r_out_m or (factor < math.inf and then > now):
                 return child
         return NOBODY
 
     def _count(self, *, stopped: bool) -> None:
-        """Need."""
+        """Need: count the ticks in which B stopped the robot."""
         scouting = self._scouting
         change = 1 if stopped else -scouting.need_decay_ticks
         self._stopped_ticks = min(max(self._stopped_ticks + change, 0), scouting.need_max_ticks)
@@ -141,7 +132,7 @@ class Scout(Vds):
         return self.body.tick - self._needed_tick <= ticks(self._scouting.recall_s)
 
     def _stretch(self, cls: Cls) -> None:
-        """Let r_in' be longer for a chain in need."""
+        """Stretch: make r_in' longer for a chain in need."""
         router = self.body.router
         ms = router.ms
         if self._scouting.stretch:
@@ -151,10 +142,10 @@ class Scout(Vds):
                 self._stretched_to = NOBODY
             if wanted and not close:
                 self._stretched_to = ms.nms
-        ms.reach_m = self._stretched_m if self._stretched_to != NOBODY else ms.r_in_m
+        self.links.reach_m = self._stretched_m if self._stretched_to != NOBODY else ms.r_in_m
 
     def _recruit(self) -> None:
-        """Follow a deeper SR in need while one's own chain is too short; be patient meanwhile (wait)."""
+        """Recruit and wait: follow a deeper SR in need while the own chain is too short, with longer stall limits."""
         table, tick = self.body.router.table, self.body.tick
         others = table.search_robots()
         rules = self.rules.exploring
@@ -173,10 +164,8 @@ class Scout(Vds):
             self._leader = NOBODY
 
     def _deepest(self, needy: list[int]) -> int:
-        """The deepest of some SRs with another target that is not taboo, if it is deeper than this one; else 0."""
+        """The deepest of some SRs that have another target, not taboo, if it is deeper than this robot; else 0."""
         body, table, margin = self.body, self.body.router.table, self._scouting.deeper_m
-        depth = body.ms_distance
-        depth.tick = body.tick
         helpful = []
         for node in needy:
             target = table.target_m(node)
@@ -184,7 +173,7 @@ class Scout(Vds):
                 helpful.append(node)
         if not helpful:
             return 0
-        mine, *depths = depth([body.at, *(table.location_m(node) for node in helpful)])
+        mine, *depths = body.ms_distance([body.at, *(table.location_m(node) for node in helpful)])
         deeper = []
         for node, depth_m in zip(helpful, depths, strict=True):
             ahead = depth_m - mine
@@ -193,7 +182,7 @@ class Scout(Vds):
         return -max(deeper)[1] if deeper else 0
 
     def search(self) -> None:
-        """As in the paper; a follower keeps its leader's target until it stalls."""
+        """As in `vds`, but a follower keeps its leader's target until it stalls."""
         if self._leader == NOBODY:
             super().search()
             return

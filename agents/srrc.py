@@ -1,7 +1,7 @@
-"""SRRC: search and relay robot classification (paper, II-A.2 and II-A.3).
+"""SRRC: search and relay robot classification [paper 4.1, 4.4].
 
-Class: with an empty inv a robot is the end of a chain, hence a search robot (SR); else a relay (RR).
-MSR, of a relay: among the SRs of the forwarding table, 1) discard those whose next hop is the NMS; 2) of the rest take
+Class: a robot with an empty inv is at the end of a chain and is a search robot (SR). Any other robot is a relay (RR).
+MSR of a relay: 1) among the SRs of the forwarding table discard those whose next hop is the NMS; 2) of the others take
 the one farthest from the MS along the shortest path on the relay's own map.
 """
 
@@ -15,7 +15,7 @@ from world.terms import NOBODY, Cls
 
 
 def eligible_msrs(table: ForwardingTable, nms: int) -> list[int]:
-    """Rule 1: the SRs of a forwarding table, ascending, without those whose next hop is the NMS."""
+    """Rule 1 [paper 4.4]: the SRs of a forwarding table, ascending, without those whose next hop is the NMS."""
     return [node for node in table.search_robots() if table.next_hop_to(node) != nms]
 
 
@@ -26,14 +26,14 @@ def farthest_msr(
     present: int,
     margin_m: float,
 ) -> int:
-    """Rule 2.
+    """Rule 2 [paper 4.4].
 
     Args:
-        candidates: what rule 1 left.
+        candidates: the SRs that rule 1 left.
         table: the forwarding table of the relay.
         distances_to_ms_m: path lengths from the MS to places.
-        present: the MSR so far.
-        margin_m: the present MSR is replaced only by one at least this much farther (ours).
+        present: the present MSR.
+        margin_m: a new MSR is at least this much farther than the present one [paper 4.5].
 
     Returns:
         The MSR's id, or NOBODY if there is no candidate.
@@ -57,7 +57,7 @@ class Classifier:
         self._empty_since: int | None = None
 
     def step(self, tick: int, inv: list[int]) -> Cls:
-        """To RR at once; back to SR after inv was empty for a while (the delay is ours)."""
+        """The class at a tick: RR at once, SR again only after inv was empty for a while [paper 4.2]."""
         if inv:
             self.cls = Cls.RR
             self._empty_since = None

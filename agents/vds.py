@@ -1,11 +1,11 @@
-"""The paper's policy: SRRC and the behavior algorithm of its Fig. 3 (as we read it, PROCEDURE 4). First that applies:
+"""The paper's policy: SRRC and the behavior algorithm, in our reading [paper 5.7]. First that applies:
 
-1. No route to the MS       APR: trace where the NMS was last known, then the known map towards the MS, at 2 km/h.
-2. d_in > r_in              inner link recovery: trace the NMS at 2 km/h, while a potential NMS is looked for (nms.py).
+1. No route to the MS       APR: go to where the NMS was, then over the known map towards the MS, at 2 km/h.
+2. d_in > r_in              inner link recovery: trace the NMS at 2 km/h, and look for a potential NMS (nms.py).
 3. RR and d_out > r_out     outer link recovery: trace the NMSR at 2 km/h.
 4. otherwise                walk to the target at 1 km/h. An SR chooses its target; an RR has its MSR's.
 
-A neighbor that is silent is beyond r_in and r_out (PROCEDURE 9, rule A).
+A neighbor that is silent is beyond r_in and r_out (rule A [paper 3.7]).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Vds:
     """Decides for one robot. Subclass it to replace `choose_msr` or `choose_target` (docs/writing-a-policy.md)."""
 
     DEFAULTS: ClassVar[Mapping[str, Any]] = {}
-    """Values that this policy wants for keys of a scenario that says nothing of them."""
+    """Values that this policy wants for keys that a scenario leaves out."""
 
     def __init__(self, body: Body) -> None:
         self.body = body
@@ -47,21 +47,21 @@ class Vds:
         self._tracing = Walker(body.map, body.planner, same_goal_m=0.5)
         self._there_m = 2.0 * body.map.geometry.resolution_m
         self._lost_nms_m: Place | None = None
-        """Where the NMS was when there last was a route; None once the robot has been there."""
+        """Where the NMS was when there last was a route; None when the robot has been there since."""
         self.target: Place | None = None
         self.msr = NOBODY
         self.hold = NOBODY
-        """Announced to neighbors; stays NOBODY here (policy scout)."""
+        """Announced to neighbors; a policy may set it, as scout does."""
         self.need = False
-        """Announced to all; stays False here (policy scout)."""
+        """Announced to all; a policy may set it, as scout does."""
 
     @property
     def nmsr(self) -> int:
-        """Next hop to the MSR (paper, II-B)."""
+        """Next hop to the MSR [paper 5.1]."""
         return self.body.router.table.next_hop_to(self.msr)
 
     def step(self) -> Action:
-        """Class, MSR, target, movement: the decision of this tick."""
+        """The decision of this tick: class, MSR, target and movement."""
         router = self.body.router
         before = self.classifier.cls
         cls = self.classifier.step(self.body.tick, router.inv)
@@ -74,7 +74,7 @@ class Vds:
         return Action(velocity, mode, cls, self.target or self.body.at, self.msr, self.hold, self.need)
 
     def behave(self, cls: Cls) -> tuple[Velocity, Mode]:
-        """Fig. 3."""
+        """Velocity and mode: the order of rules in [paper 5.7]."""
         tick, router = self.body.tick, self.body.router
         if tick < router.quiet_until:
             return STILL, Mode.LOST
@@ -95,17 +95,16 @@ class Vds:
     # -- relay ---------------------------------------------------------------------------------------------------------
 
     def choose_msr(self) -> int:
-        """MSR selection rule (paper, II-A.3)."""
+        """MSR selection rule [paper 4.4, 4.5, 4.6]."""
         body, rules = self.body, self.rules.classing
         table = body.router.table
         candidates = eligible_msrs(table, body.router.ms.nms)
         if self.msr in candidates and (body.tick + body.config.node) % rules.msr_compare_ticks:
             return self.msr
-        body.ms_distance.tick = body.tick
         return farthest_msr(candidates, table, body.ms_distance, self.msr, rules.msr_margin_m)
 
     def _follow_msr(self) -> None:
-        """Keep MSR and target of a relay; if no SR is left, it keeps its last target."""
+        """Choose the MSR of a relay and take its target; without an MSR keep the last target [paper 4.7, 4.8]."""
         self.msr = self.choose_msr()
         if self.msr != NOBODY and self.rules.classing.copy_target:
             self.target = self.body.router.table.target_m(self.msr)
@@ -113,7 +112,7 @@ class Vds:
     # -- search --------------------------------------------------------------------------------------------------------
 
     def choose_target(self) -> Place | None:
-        """Decision-theoretic choice (paper, II-B); None if there is no frontier."""
+        """Decision-theoretic choice [paper 6.1, 6.2]; None if there is no frontier."""
         body = self.body
         table = body.router.table
         others = [table.target_m(node) for node in table.search_robots()]
@@ -125,7 +124,7 @@ class Vds:
         return target
 
     def search(self) -> None:
-        """Choose a new target when one is due, or when the robot stalled on its way to it."""
+        """Choose a new target when one is due, or when the robot has stalled on its way to the present one."""
         tick, at = self.body.tick, self.body.at
         due = self.explorer.done(at, self.target, self.rules.moving.arrive_m)
         if not due and self.target is not None:
@@ -136,14 +135,14 @@ class Vds:
     # -- movement ------------------------------------------------------------------------------------------------------
 
     def trace(self, node: int) -> Velocity:
-        """Towards where a node was last heard to be, at the accelerated speed (paper, III)."""
+        """Velocity towards where a node was last heard to be, at the accelerated speed [paper 5.9]."""
         return self._run_to(self.body.router.table.location_m(node))
 
     def _run_to(self, place: Place) -> Velocity:
         return self._tracing.velocity(self.body.tick, self.body.at, place, self.rules.moving.trace_speed_m_s)
 
     def walk(self, speed_m_s: float) -> tuple[Velocity, Mode]:
-        """Towards the target, or back to the MS while a stalled SR retreats."""
+        """Velocity towards the target, or back to the MS while a stalled SR retreats [paper 6.6]."""
         goal, tick = self.target, self.body.tick
         if self.classifier.cls is Cls.SR and tick < self.explorer.retreat_until:
             goal = self.body.config.station_m
@@ -152,9 +151,9 @@ class Vds:
         return self.to_target.velocity(tick, self.body.at, goal, speed_m_s), Mode.WALK
 
     def recover_path(self) -> Velocity:
-        """APR: first to where the NMS was when the route was lost, from there towards the MS, until a route is offered.
+        """APR [paper 5.8]: first to where the NMS was when the route was lost, from there towards the MS.
 
-        Not to where the lost NMS is now: it may be lost as well, and each would follow the other.
+        Not to where the lost NMS is now: it may be lost as well, and each robot would follow the other.
         """
         if self._lost_nms_m is not None and math.dist(self._lost_nms_m, self.body.at) < self._there_m:
             self._lost_nms_m = None

@@ -1,4 +1,4 @@
-"""Walking: keeps a path to a goal over the robot's own map, and turns it into a velocity."""
+"""Walking: a path to a goal over the robot's own map, and the velocity along it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from agents.planner import Planner, Reach
 from world.terms import TICK_S
 
 _RENEW_TICKS: Final = 100
-"""A path that was only stretched after a moving goal is planned anew after this long."""
+"""A path that was only lengthened after a moving goal is planned again after this long."""
 
 _BLOCKED_TICKS: Final = 10
-"""A robot that hardly moves for this long although it walks has met a wall that its map does not show."""
+"""A robot that walks but hardly moves for this long has met a wall that its map does not show."""
 
 _JUMP_M: Final = 4.0
-"""A goal that moved farther than this at once is not at the end of the present path."""
+"""If the goal moved farther than this at once, the present path does not lead there."""
 
 
 class Walker:
     """The path of one robot: way points in metres, the last of them the goal."""
 
     def __init__(self, own_map: OwnMap, planner: Planner, same_goal_m: float) -> None:
-        """`same_goal_m`: a goal that moved no farther than this keeps its path, until it is near."""
+        """`same_goal_m`: a goal that moved no farther than this keeps its path, unless the robot is near it."""
         self._map = own_map
         self._planner = planner
         self._same_goal_m = same_goal_m
@@ -37,7 +37,7 @@ class Walker:
     def velocity(
         self, tick: int, at: tuple[float, float], goal: tuple[float, float], speed_m_s: float
     ) -> tuple[float, float]:
-        """Velocity in m/s along the path to a goal, which may have moved since the last tick."""
+        """Velocity in m/s along the path to a goal. The goal may have moved since the last tick."""
         points, step_m = self._points, speed_m_s * TICK_S
         if not points or math.dist(points[-1], goal) > min(self._same_goal_m, 0.25 * math.dist(at, goal)):
             self._follow(tick, at, goal)
@@ -57,7 +57,7 @@ class Walker:
         return speed * dx / length, speed * dy / length
 
     def _astray(self, tick: int, at: tuple[float, float], step_m: float) -> bool:
-        """Something else moved the robot off its path, or a wall stops it."""
+        """Whether the robot has left its path (something else moved it) or a wall stops it."""
         if self._used_tick != tick - 1:
             self._blocked_ticks = 0
             return not self._map.clear_line(*at, *self._points[0])
@@ -69,7 +69,7 @@ class Walker:
         return False
 
     def remaining_m(self, at: tuple[float, float]) -> float:
-        """Length of the path that is left."""
+        """Length of the rest of the path."""
         total, here = 0.0, at
         for point in self._points:
             total += math.dist(here, point)
@@ -77,7 +77,7 @@ class Walker:
         return total
 
     def _follow(self, tick: int, at: tuple[float, float], goal: tuple[float, float]) -> None:
-        """The goal moved: keep as much of the path as still leads there, and plan only if none does."""
+        """Adapt the path to a goal that moved, and plan again only if no part of the path leads there."""
         if self._map.clear_line(*at, *goal):
             self._points = [goal]
             self._stretched = False
@@ -94,25 +94,25 @@ class Walker:
         self.plan(tick, at, goal)
 
     def plan(self, tick: int, at: tuple[float, float], goal: tuple[float, float]) -> None:
-        """Plan anew."""
+        """Plan a new path."""
         cell = self._planner.nearest_free
         g = self._map.geometry
         self._go(tick, at, goal, self._planner.path(cell(g.index(*at)), cell(g.index(*goal))))
 
     def take(self, tick: int, at: tuple[float, float], goal: tuple[float, float], reach: Reach) -> None:
-        """Follow the path of a search that started at `at`."""
+        """Follow the path of a finished search that started at `at`."""
         cell = self._planner.nearest_free(self._map.geometry.index(*goal))
         self._go(tick, at, goal, reach.path(cell) if reach.length_m(cell) < math.inf else [])
 
     def _go(self, tick: int, at: tuple[float, float], goal: tuple[float, float], path: list[int]) -> None:
-        """Follow a path of cells; straight ahead if there is none."""
+        """Follow a path of cells; without one, go straight to the goal."""
         way = [self._map.geometry.center(cell) for cell in path[:-1]]
         self._points = self._taut(at, [*way, goal]) if way else [goal]
         self._planned_tick = tick
         self._stretched = False
 
     def _taut(self, at: tuple[float, float], path: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        """Pull the path tight: from each way point go straight to the farthest one in a clear line (by bisection)."""
+        """Pull the path tight: from each way point go straight to the farthest one on a clear line (by bisection)."""
         points: list[tuple[float, float]] = []
         here, first = at, 0
         while first < len(path):

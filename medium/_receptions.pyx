@@ -1,5 +1,5 @@
 # cython: language_level=3
-"""Packing and unpacking of what a node hears: the loops of `medium.messages.Inbox`.
+"""Packing and unpacking of receptions: the loops of `medium.messages.Inbox`.
 
 Lengths and nodes are checked before anything is read.
 """

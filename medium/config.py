@@ -1,4 +1,4 @@
-"""What a medium process is told at its start."""
+"""Configuration of the medium."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Model = Literal["disk", "disk_los", "log_distance"]
 
 @dataclass(frozen=True)
 class Radio:
-    """The propagation model and its values (PROCEDURE 9; path-loss values at 2.4 GHz after ITU-R P.1238 and ns-3)."""
+    """The propagation model and its values [paper 9.2, 9.3], at 2.4 GHz after ITU-R P.1238 and ns-3."""
 
     model: Model = "disk"
     tx_power_dbm: float = 0.0
     loss_1m_db: float = 40.0
     """PL0: path loss at one metre."""
     exponent: Annotated[float, Gt(0)] = 3.0
-    """n: 10 n log10(d) dB are lost up to distance d."""
+    """n: the path loss grows by 10 n log10(d) dB up to distance d."""
     wall_loss_db: Annotated[float, Ge(0)] = 18.0
     """Per wall crossed, `log_distance` only."""
     shadowing_db: Annotated[float, Ge(0)] = 0.0
@@ -32,7 +32,7 @@ class Radio:
     loss: Probability = 0.0
     """Probability that a receiver loses a frame."""
     bandwidth_bytes_s: Annotated[float, Gt(0)] | None = None
-    """What one node can send; None = unlimited. Frames beyond it are rejected."""
+    """Most that one node can send; None = unlimited. Frames beyond that are rejected."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class MediumConfig:
 
     seed: int
     radius_m: float
-    """r_t: `disk` and `disk_los` reach this far; for `log_distance` the mean power meets the sensitivity here."""
+    """r_t: the range of `disk` and `disk_los`; for `log_distance` the mean power meets the sensitivity here."""
     geometry: GridGeometry
     occupied: NDArray[np.bool_]
-    """(rows, cols) walls, which `disk_los` and `log_distance` count."""
+    """(rows, cols) walls; only `disk_los` and `log_distance` look at them."""
     radio: Radio = field(default_factory=Radio)

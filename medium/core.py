@@ -23,8 +23,8 @@ _FRAME: Final = struct.Struct("<HiI")
 class Medium:
     """Sans-IO core of the radio.
 
-    It sees source, link-layer destination and size of a frame. The digest of a run is SHA-256 over, tick by tick, the
-    true positions and every counted transmission in node order, of those whose transmission counted.
+    It sees source, link-layer destination and size of a frame. The digest of a run is SHA-256 over true positions and
+    transmissions, tick by tick, in the order of nodes. It covers only the nodes whose transmission counted in the tick.
     """
 
     def __init__(self, config: MediumConfig) -> None:
@@ -44,7 +44,7 @@ class Medium:
 
         Args:
             positions: the roster of tick k and its true places.
-            transmissions: by node; a node of the roster without one departed during the tick.
+            transmissions: by node; a node of the roster that has none departed during the tick.
         """
         ids = positions.nodes.tolist()
         self._record(positions, transmissions)
@@ -67,7 +67,7 @@ class Medium:
     def _deliver(
         self, src: int, frame: Frame, listeners: dict[int, float], inboxes: dict[int, list[Reception]], loss: float
     ) -> None:
-        """Hand a frame to those it is for, of `listeners` and how loud they hear it, ascending."""
+        """Put a frame into the inboxes of those it is for; `listeners` are nodes, ascending, and the power at each."""
         dst, payload = frame
         if dst != BROADCAST:
             listeners = {dst: listeners[dst]} if dst in listeners else {}
@@ -77,7 +77,7 @@ class Medium:
                 self.delivered += 1
 
     def _within_budget(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-        """The frames that the sender's bandwidth lets out in one tick, in its order; the rest is rejected."""
+        """The first frames, as many as the sender's bandwidth allows in one tick; the rest is rejected."""
         if self._budget_bytes is not None:
             left = self._budget_bytes
             for k, (_, payload) in enumerate(frames):
@@ -92,11 +92,11 @@ class Medium:
         return frames
 
     def reject(self, frames: int) -> None:
-        """Count frames that were not let onto the air."""
+        """Count frames that do not go on the air."""
         self.rejected += frames
 
     def _record(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> None:
-        """Only who counted is in the trace: one who left during the tick, and one who had left before, are the same."""
+        """Add the tick to the digest. A node that left during the tick counts as one that left before it."""
         nodes, xy_m = positions.nodes, positions.xy_m
         if len(transmissions) < len(nodes):
             counted = np.array([node in transmissions for node in nodes.tolist()], np.bool_)

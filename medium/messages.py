@@ -19,15 +19,15 @@ _TICK: Final = struct.Struct("<I")
 
 
 Frame: TypeAlias = tuple[int, bytes]
-"""One radio frame as its sender hands it over: its link-layer destination (a neighbor's id, or BROADCAST), payload."""
+"""A radio frame as its sender hands it over: link-layer destination (a neighbor's id or BROADCAST) and payload."""
 
 Reception: TypeAlias = tuple[int, float, bytes]
-"""One frame as a receiver hears it: its source, the received power in dBm, payload."""
+"""A frame as a receiver hears it: source, received power in dBm, payload."""
 
 
 @dataclass(slots=True, init=False)
 class Transmission:
-    """All frames of one node in one tick, in order; sent every tick, even if empty."""
+    """All frames of one node in one tick, in order. A node sends one every tick, even an empty one."""
 
     tick: int
     src: int
@@ -58,7 +58,7 @@ class Transmission:
 
 @dataclass(slots=True, init=False)
 class Inbox:
-    """Every frame that a node hears at `tick`: those sent at `tick` - 1, ordered by source, then as sent."""
+    """Every frame that a node hears at `tick`, sent at `tick` - 1; ordered by source, then as sent."""
 
     tick: int
     receptions: tuple[Reception, ...]

@@ -1,8 +1,8 @@
-"""The radio as a process: hosts the router or joins one, gathers what everybody sends in a tick, hands out turns.
+"""The radio as a process: it hosts the router or joins one, gathers the answers of a tick, and hands out turns.
 
-It passes on unread what the world has each node sense, together with what the node hears, and how each node moves.
+It passes on unread each sense from the world to its node, together with the inbox, and each motion to the world.
 
-It has no deadline of its own: it leaves a node out of a tick when the world says so, and only then.
+It has no deadline for nodes: it leaves a node out of a tick only when the world says so.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ __all__ = ["run"]
 _POLL_S: Final = 0.5
 _LINGER_S: Final = 10.0
 _LINGER_ROBOTS_S: Final = 1.0
-"""Without a launcher, which knows who is left."""
+"""How long to wait for robots where no launcher tells who is left."""
 _QUIET_S: Final = 0.25
-"""Without a launcher, what was routed last has this long to get out of the router's queues."""
+"""Time for the last messages to leave the router's queues where there is no launcher."""
 _START_S: Final = 60.0
 
 
@@ -43,7 +43,7 @@ def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> 
     Args:
         config: of the radio.
         login: where the router is, and this process's user.
-        users: passwords by user: host the router at `login.endpoint`. None: join the one that is there.
+        users: passwords by user, to host the router at `login.endpoint`. None: join the router that is there.
 
     Raises:
         SystemExit: the port is in use, the router can't be reached, or the world was lost (status 3).
@@ -56,7 +56,7 @@ def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> 
 
 
 class Core(Protocol):
-    """What the shell drives: `medium.core.Medium`, or one that does nothing, to measure the shell alone."""
+    """What the shell drives: `medium.core.Medium`, or a core that does nothing, to measure the shell alone."""
 
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]: ...
     def reject(self, frames: int) -> None: ...
@@ -64,7 +64,7 @@ class Core(Protocol):
 
 
 class Shell:
-    """What moves bytes around a medium core."""
+    """Moves bytes in and out of a medium core."""
 
     def __init__(self, core: Core, session: Session, *, hosts: bool) -> None:
         self._core, self._session, self._hosts = core, session, hosts
@@ -72,9 +72,9 @@ class Shell:
         self._positions: Positions | None = None
         self._gather: Gather[Transmission] = Gather(-1, ())
         self._inboxes: dict[int, bytes] = {}
-        """For the next tick."""
+        """By node, for the next tick."""
         self._moves: list[tuple[int, int, int, bytes]] = []
-        """Answers that the world has not got yet."""
+        """Answers that have not been passed on to the world."""
         self._alive: dict[str, set[str]] = {role: set() for role in ("world", "station", "robot", "operator")}
         self._world_seen = False
         self._stopped = False
@@ -169,9 +169,9 @@ class Shell:
         answer = Answer.decode(body)
         self._moves.append((node, token, answer.tick, answer.motion))
         if answer.tick != self._gather.tick:
-            self._pass_on()  # of a node that was too late, or of one that the world leaves out just now
+            self._pass_on()  # from a node that was too late, or that the world is leaving out just now
             return
-        # What is of no use counts as silence: the tick would wait for anything else for ever.
+        # A malformed transmission counts as an empty one; otherwise the tick would wait for this node for ever.
         transmission = Transmission(answer.tick, node, ())
         try:
             said = Transmission.decode(answer.transmission)
@@ -183,10 +183,10 @@ class Shell:
             if self._gather.add(node, transmission):
                 self._step_if_complete()
             else:
-                self._pass_on()  # of a node that was given up: that it is back is news
+                self._pass_on()  # from a node that was given up: the world must learn that it is back
 
     def _pass_on(self, complete: int = NO_TICK, counted: Sequence[int] = ()) -> None:
-        """Let the world have what came in; it learns who was last by the order."""
+        """Pass the motions on to the world, in the order of arrival, so that the world learns who was last."""
         if self._moves or complete != NO_TICK:
             self._put_moved(Moves(self._moves, complete, counted).encode())
             self._moves = []
@@ -197,7 +197,7 @@ class Shell:
             return
         self._positions = None
         transmissions = self._gather.messages
-        # Before the step: the world goes on meanwhile.
+        # Before the step, so that the world can go on meanwhile.
         self._pass_on(positions.tick, tuple(transmissions))
         self._phases.mark("decode")
         inboxes = self._core.step(positions, transmissions)
@@ -210,17 +210,17 @@ class Shell:
     # The end
 
     def _last_words(self) -> bool:
-        """The world's token may drop before its last word comes in; True if that word is `Stop`."""
+        """Wait for messages that the end of the world's token has overtaken; True if `Stop` was among them."""
         until_s = time.monotonic() + LATE_STOP_S
         while not self._stopped and (left_s := until_s - time.monotonic()) > 0.0:
             self._receive(left_s)
         return self._stopped
 
     def _linger(self) -> None:
-        """Stay until the others have said what they had to say, for ten seconds at most: the router is here.
+        """Stay until the other processes have sent their last messages, ten seconds at most: the router is here.
 
-        A launcher says when it has heard all, by the end of its token. Without one, a silence must do; a robot may be
-        stopped and never go, so robots are not waited for as long as world and station are.
+        A launcher drops its token when it has received everything. Without a launcher this process leaves when nothing
+        has come for a moment. It does not wait long for robots, since one may be stopped and never end.
         """
         since_s = time.monotonic()
         launched = bool(self._alive["operator"])

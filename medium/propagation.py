@@ -1,9 +1,9 @@
-"""Propagation models: how loud a sender is at a receiver, and how loud is loud enough (PROCEDURE 9).
+"""Propagation models: how loud a sender is at a receiver, and how loud is loud enough [paper 9.1 to 9.3].
 
 Received power follows the log-distance path loss P_r = P_t - PL0 - 10 n log10(d / 1 m), after Rappaport, Wireless
-Communications, and ITU-R P.1238. `disk` and `disk_los` cut it off at the transmission radius, so that a robot which
-inverts the curve knows the distance exactly (paper, II-B); `log_distance` adds walls and shadowing and cuts it off at
-the sensitivity.
+Communications, and ITU-R P.1238. `disk` and `disk_los` cut it off at the transmission radius. A robot that
+inverts the curve then knows the distance exactly [paper 5.3]. `log_distance` adds walls and shadowing, and cuts the
+power off at the sensitivity.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _NEAREST_M: Final = 0.01
 """The curve has no value at distance 0."""
 
 _PLACE_M: Final = 1.0
-"""Shadowing is fixed per link and per place of this size."""
+"""Shadowing is constant per link while both ends stay in squares of this size."""
 
 
 def distances_m(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, n) distances between all places."""
+    """(n, n) distances between all positions."""
     x, y = xy_m.T
     dx, dy = x[:, None] - x, y[:, None] - y
-    # Never fused: `einsum` may multiply and add in one step where the processor can.
+    # Never fused: `einsum` multiplies and adds in one step on some processors.
     distances: NDArray[np.float64] = np.sqrt(dx * dx + dy * dy)
     return distances
 
@@ -71,7 +71,7 @@ class Propagation:
 
     def _obstruct(self, power: NDArray[np.float64], nodes: NDArray[np.int16], xy_m: NDArray[np.float64]) -> None:
         radio = self._config.radio
-        # Shadowing is cut off at four sigma: no other pair can be heard, and walls are counted for these only.
+        # Shadowing is cut off at four sigma, so no other pair can be heard. Walls are counted for these pairs only.
         hopeful = power + 4.0 * radio.shadowing_db >= self.sensitivity_dbm
         rows, cols = np.nonzero(np.triu(hopeful, 1))
         change = -radio.wall_loss_db * self._walls(xy_m, rows, cols)
@@ -84,7 +84,7 @@ class Propagation:
         power[cols, rows] = power[rows, cols]
 
     def _draw_shadow_db(self, *link: int) -> float:
-        """X of one link between two places: a hash makes it a function of the place, not of the order of visits."""
+        """X of one link between two squares. It is a hash, so that it does not depend on the order of visits."""
         digest = hashlib.blake2b(repr((self._config.seed, link)).encode(), digest_size=16).digest()
         u, v = (int.from_bytes(part, "little") / 2**64 for part in (digest[:8], digest[8:]))
         normal = math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)

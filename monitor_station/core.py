@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from agents.dsdv import Router
 from agents.map_downlink import MapDownlink
-from agents.messages import SCAN_REPORT, UPDATE, ScanReport, Update, kind_of
+from agents.messages import SCAN_REPORT, ScanReport, Update
+from agents.payloads import sort_payloads
 from bus.codec import WireError
-from medium.messages import BROADCAST, Frame, Inbox, Reception
+from medium.messages import BROADCAST, Frame, Inbox
 from monitor_station.config import StationConfig
 from monitor_station.map_merger import MapMerger
 from monitor_station.search_rate import SearchRate
@@ -51,7 +52,9 @@ class Station:
         """One tick: `inbox` is None at the first one after (re)joining."""
         tick = self._tick = sense.tick
         self._journal.clear()
-        reports, updates = self._sort(inbox)
+        reports: list[ScanReport] = []
+        updates, bad = sort_payloads(inbox, {SCAN_REPORT: lambda payload: reports.append(ScanReport.decode(payload))})
+        self.bad_frames += bad
         merged = [self._merge(tick, report) for report in reports]
         if merged or not sense.first:
             self._changed = self._joined(merged)
@@ -63,21 +66,6 @@ class Station:
             silent=tick < self.router.quiet_until,
         )  # fmt: skip
         return self._frames(tick), report
-
-    def _sort(self, inbox: Inbox | None) -> tuple[list[ScanReport], list[Reception]]:
-        reports, updates = [], []
-        for src, power, payload in inbox.receptions if inbox is not None else ():
-            try:
-                kind = kind_of(payload)
-                if kind == UPDATE:
-                    updates.append((src, power, payload))
-                elif kind == SCAN_REPORT:
-                    reports.append(ScanReport.decode(payload))
-                else:
-                    raise WireError(f"unknown kind {kind}")
-            except WireError:
-                self.bad_frames += 1
-        return reports, updates
 
     def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
         try:

@@ -11,9 +11,10 @@ import numpy as np
 from world.config import Fault, Verb
 from world.feed import Snapshot
 from world.messages import Jam
-from world.terms import NOBODY, STATION, TICK_S, UNREACHABLE, Cls, tick_of
+from world.routes import chain_to_station, farthest_search_robots
+from world.terms import STATION, TICK_S, tick_of
 
-__all__ = ["chain_to_station", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve"]
+__all__ = ["check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve"]
 
 VERBS: Final = get_args(Verb)
 
@@ -149,23 +150,6 @@ def describe(fault: Fault) -> str:
     return f"{fault.verb}:{what}@{fault.at_s:.12g}{lasting}"
 
 
-def chain_to_station(robot: int, snapshot: Snapshot) -> list[int]:
-    """Nodes from `robot` to the MS along NMS pointers, both included; empty if the pointers do not lead there.
-
-    Only robots that are present count, and the MS itself, whatever its state.
-    """
-    nms, present = snapshot.nms, snapshot.present
-    chain: list[int] = []
-    node = robot
-    while node != STATION:
-        if node == NOBODY or len(chain) > len(nms) or not present[node - 1]:
-            return []
-        chain.append(node)
-        node = int(nms[node - 1])
-    chain.append(STATION)
-    return chain
-
-
 def resolve(
     target: str, snapshot: Snapshot, station_m: tuple[float, float], generator: np.random.Generator
 ) -> int | None:
@@ -180,10 +164,10 @@ def resolve(
     if target == "random":
         return int(generator.choice(present)) if len(present) else None
     if target == "sr:far":
-        ranked = _search_robots(snapshot, station_m)
+        ranked = farthest_search_robots(snapshot, station_m)
         return ranked[0] if ranked else None
     if target.startswith("relay:"):
-        for robot in _search_robots(snapshot, station_m):
+        for robot in farthest_search_robots(snapshot, station_m):
             relays = chain_to_station(robot, snapshot)[1:-1]
             if relays:
                 return relays[-1] if target == "relay:first" else relays[len(relays) // 2]
@@ -195,11 +179,3 @@ def resolve(
         nms = int(snapshot.nms[robot - 1])
         return nms if nms in present else None
     return int(target)
-
-
-def _search_robots(snapshot: Snapshot, station_m: tuple[float, float]) -> list[int]:
-    """Search robots with a route: most hops first, then farthest from the MS, then by id."""
-    chosen = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & (snapshot.hops != UNREACHABLE)
-    distance = np.hypot(*(snapshot.xy_m - station_m).T)
-    order = np.lexsort((snapshot.nodes, -distance, -snapshot.hops.astype(np.int64)))
-    return [int(snapshot.nodes[i]) for i in order if chosen[i]]

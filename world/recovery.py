@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from world.config import Fault
-from world.faults import chain_to_station, describe, jam_of
+from world.faults import describe, jam_of
 from world.feed import Event, Snapshot
 from world.messages import Jam, Status
+from world.routes import chain_to_station
 from world.terms import NOBODY, STATION, UNREACHABLE, seconds_of, tick_of
 
 __all__ = ["Recoveries"]

@@ -17,7 +17,7 @@ from medium.config import MediumConfig, Radio
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import WorldConfig
 from world.faults import fault_form
-from world.floor_plan import digest_of_map
+from world.map_file import digest_of_map
 from world.terms import STATION
 
 __all__ = ["Scenario"]

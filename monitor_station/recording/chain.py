@@ -8,12 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.feed import Snapshot
-from world.terms import NOBODY, STATION, UNREACHABLE, Cls
-
-
-def linked(snapshot: Snapshot) -> NDArray[np.bool_]:
-    """Robots, shape (n,), that take part and have a finite route to the station."""
-    return np.asarray((snapshot.present == 1) & (snapshot.nms != NOBODY) & (snapshot.hops < UNREACHABLE))
+from world.routes import chain_from, farthest_search_robots, linked
+from world.terms import STATION, UNREACHABLE
 
 
 def parents(snapshot: Snapshot) -> dict[int, int]:
@@ -44,33 +40,9 @@ def hop_summary(snapshot: Snapshot) -> NDArray[np.float64]:
 
 
 def farthest_chain(snapshot: Snapshot, station_m: tuple[float, float]) -> tuple[int, ...]:
-    """Nodes from the farthest SR along the NMS pointers, the station last.
-
-    The farthest SR has the most hops; of several the one farthest from the station, then the lowest id. The chain ends
-    early where a pointer leads to nobody, to a robot that takes no part, or back into the chain; it is empty where no
-    SR has a route.
-    """
-    candidates = np.flatnonzero(linked(snapshot) & (snapshot.cls == Cls.SR))
-    if not len(candidates):
-        return ()
-    hops = snapshot.hops[candidates]
-    candidates = candidates[hops == hops.max()]
-    gaps = snapshot.xy_m[candidates] - station_m
-    start = candidates[np.argmax(gaps[:, 0] ** 2 + gaps[:, 1] ** 2)]
-    present = snapshot.nodes[snapshot.present == 1].tolist()
-    pointers = dict(zip(present, snapshot.nms[snapshot.present == 1].tolist(), strict=True))
-    return follow(int(snapshot.nodes[start]), pointers)
-
-
-def follow(node: int, pointers: Mapping[int, int]) -> tuple[int, ...]:
-    """`node` and the nodes that its pointers lead to, up to the station, a dead end or a loop."""
-    chain = [node]
-    while node in pointers:
-        node = pointers[node]
-        if node in chain or (node != STATION and node not in pointers):
-            break
-        chain.append(node)
-    return tuple(chain)
+    """Nodes from the farthest SR along the NMS pointers (`chain_from`); empty where no SR has a route."""
+    ranked = farthest_search_robots(snapshot, station_m)
+    return tuple(chain_from(ranked[0], snapshot)) if ranked else ()
 
 
 def tree_layout(nodes: list[int], nms: Mapping[int, int]) -> NDArray[np.float64]:

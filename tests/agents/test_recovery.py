@@ -10,7 +10,8 @@ import pytest
 from world.config import Fault
 from world.feed import Snapshot
 from world.recovery import Recoveries
-from world.terms import NOBODY, UNREACHABLE
+from world.routes import chain_from, chain_to_station
+from world.terms import NOBODY, STATION, UNREACHABLE
 
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
 STATION_M = (0.0, 0.0)
@@ -57,6 +58,15 @@ class Watch:
 
     def verdict(self) -> dict[str, object]:
         return self.recoveries.verdicts()[0]
+
+
+def test_a_chain_ends_at_dead_ends_and_loops() -> None:
+    assert chain_from(4, shown(9, CHAIN)) == [4, 3, 2, 1, STATION]
+    assert chain_from(4, shown(9, CHAIN, absent=(2,))) == [4, 3]
+    assert chain_from(4, shown(9, {**CHAIN, 3: NOBODY})) == [4, 3]
+    assert chain_from(4, shown(9, {**CHAIN, 2: 4})) == [4, 3, 2]
+    for broken in (shown(9, CHAIN, absent=(2,)), shown(9, {**CHAIN, 3: NOBODY}), shown(9, {**CHAIN, 2: 4})):
+        assert chain_to_station(4, broken) == []
 
 
 def test_orphans_of_a_relay_notice_and_recover() -> None:

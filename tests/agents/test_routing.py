@@ -1,4 +1,4 @@
-"""DSDV and the sticky route to the MS on random moving topologies (PROCEDURE 1 and 2)."""
+"""DSDV and the sticky route to the MS on random moving topologies [paper 2.6 to 3.6]."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.dsdv import Router
+from agents.link_quality import LinkQuality
 from agents.messages import Update
 from tests.helpers.routing_field import Field, power_dbm, router_config
 from world.terms import NOBODY, STATION, UNREACHABLE, Cls
@@ -126,6 +127,16 @@ def update_of(router: Router, nms: int) -> bytes:
     return Update(nms, NOBODY, 0, router.table.advertised(), b"").encode()
 
 
+class TowardsNode2(LinkQuality):
+    """The links of a robot that is about to walk to where it hears node 2 alone."""
+
+    def leaving(self) -> bool:
+        return True
+
+    def lasting(self, node: int) -> bool:
+        return node == 2
+
+
 def test_who_leaves_its_nms_for_a_neighbor_is_not_led_straight_back_by_the_shorter_way() -> None:
     """Three at the end of a chain: 3 can't take 1 along to where it wants to go, but 2 beside it."""
     field = Field(4, random.Random(5))
@@ -133,7 +144,8 @@ def test_who_leaves_its_nms_for_a_neighbor_is_not_led_straight_back_by_the_short
     for _ in range(20):
         field.step()
     assert field.path_to_ms(3) == [3, 1, 0]
-    field.routers[3].ms.leaving = lambda node: node == 2
+    ms = field.routers[3].ms
+    by_power, ms.links = ms.links, TowardsNode2(ms.links.neighbors, ms.r_in_m)
     seen = []
     for _ in range(60):
         field.step()
@@ -141,7 +153,7 @@ def test_who_leaves_its_nms_for_a_neighbor_is_not_led_straight_back_by_the_short
     changed = seen.index(2)
     assert set(seen[changed:]) == {2}
     assert field.path_to_ms(3) == [3, 2, 1, 0]
-    field.routers[3].ms.leaving = None
+    ms.links = by_power
     field.step()
     assert field.path_to_ms(3) == [3, 1, 0], "and by rule c when nothing keeps it from there"
 

@@ -1,4 +1,4 @@
-"""The rules of policy scout, each decision with its switch on and off (POLICY)."""
+"""The rules of policy scout (docs/scout.md), each decision with its switch on and off."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def test_a_wall_puts_a_neighbor_out_of_predicted_reach() -> None:
     stage = Stage()
     stage.other(2, (15.0, 1.0), cls=Cls.RR)
     stage.other(3, (1.0, 8.0), cls=Cls.RR)
-    assert stage.scout.predicted_m((1.0, 1.0), 2) == pytest.approx(14.0)
-    assert stage.scout.predicted_m((1.0, 1.0), 3) == math.inf
+    assert stage.scout.links.predicted_m((1.0, 1.0), 2) == pytest.approx(14.0)
+    assert stage.scout.links.predicted_m((1.0, 1.0), 3) == math.inf
 
 
 def test_need_grows_slowly_and_falls_fast() -> None:
@@ -111,16 +111,16 @@ def test_b_stands_rather_than_lose_its_nms_behind_a_wall(on: bool) -> None:
     stage.other(2, CORNER, cls=Cls.RR)
     stage.nms(2)
     velocity, mode = stage.decide()
-    leaving = stage.body.router.ms.leaving
+    links = stage.body.router.ms.links
     if on:
         assert (velocity, mode) == (STILL, Mode.WAIT)
         stage.other(3, (15.0, 8.0))
-        assert leaving is not None
-        assert leaving(3)
-        assert not leaving(2)
+        assert links.leaving()
+        assert links.lasting(3)
+        assert not links.lasting(2)
     else:
         assert_walks_west(velocity)
-        assert leaving is None
+        assert not links.leaving()
 
 
 @pytest.mark.parametrize("on", [True, False])
@@ -221,7 +221,7 @@ def test_stretch_reaches_farther_until_the_nms_is_near(on: bool) -> None:
     radius_m = stage.body.config.radius_m
     stage.other(2, (24.0, 8.0 + 0.8 * radius_m), cls=Cls.RR)
     scout._stretch(Cls.SR)
-    assert ms.reach_m == pytest.approx((0.95 if on else 0.9) * radius_m)
+    assert ms.links.reach_m == pytest.approx((0.95 if on else 0.9) * radius_m)
     stage.other(2, (24.0, 12.0), cls=Cls.RR)
     scout._stretch(Cls.SR)
-    assert ms.reach_m == pytest.approx(0.9 * radius_m)
+    assert ms.links.reach_m == pytest.approx(0.9 * radius_m)

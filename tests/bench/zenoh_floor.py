@@ -16,8 +16,9 @@ from deploy.processes.supervisor import Supervisor
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
+from world.account import Told
 from world.config import Fault, WorldConfig
-from world.core import Begin, Told
+from world.core import Begin
 from world.feed import Snapshot
 from world.grid import GridGeometry
 from world.messages import Motion, Positions, Report, Sense, Status, Stop

@@ -20,7 +20,7 @@ import pytest
 import rerun as rr
 
 from agents.messages import Table
-from monitor_station.recording.chain import farthest_chain, follow, tree_layout
+from monitor_station.recording.chain import farthest_chain, tree_layout
 from monitor_station.recording.recorder import Recorder
 from monitor_station.recording.states import State, SteadyStates
 from monitor_station.recording.table_text import table_markdown
@@ -284,13 +284,6 @@ def test_chain_starts_at_most_hops_then_at_the_farthest() -> None:
     assert farthest_chain(far, (0.0, 0.0)) == (3, 1, STATION)
     none = _snapshot([NOBODY, NOBODY], [255, 255], [sr, sr], [1.0, 2.0])
     assert farthest_chain(none, (0.0, 0.0)) == ()
-
-
-def test_chain_ends_at_dead_ends_and_loops() -> None:
-    assert follow(3, {3: 2, 2: 1}) == (3, 2)
-    assert follow(3, {3: 2, 2: 3}) == (3, 2)
-    assert follow(3, {3: NOBODY}) == (3,)
-    assert follow(3, {3: 1, 1: STATION}) == (3, 1, STATION)
 
 
 def test_short_corrections_do_not_show_but_death_does_at_once() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.hand_driven import Run, chain, config
+from world.account import Told
 from world.config import Fault, Lidar
-from world.core import Told
 from world.faults import check_fault, describe, fault_form, parse_fault, resolve
 from world.feed import Signal, Snapshot
 from world.messages import Report, Status
