@@ -19,6 +19,7 @@ from world.config import WorldConfig
 from world.faults import fault_form
 from world.map_file import digest_of_map
 from world.terms import STATION
+from world.user_file import shown
 
 __all__ = ["Scenario"]
 
@@ -61,6 +62,18 @@ class Scenario:
     def speed(self) -> float:
         """Simulated seconds per wall second; 0 = as fast as possible."""
         return 0.0 if self.tables.speed == "max" else self.tables.speed
+
+    @property
+    def remark(self) -> str:
+        """What of the floor can't be reached, in a line to be read before the run; empty if all can."""
+        arena = self.arena
+        if not arena.unreachable:
+            return ""
+        cells = zip(self.cell_names, arena.unreachable_of, strict=True)
+        cut = [f"{_percent(share)} of cell '{shown(name)}'" for name, share in cells if share]
+        return (
+            ", ".join([f"{_percent(arena.unreachable)} of the free floor", *cut]) + " can't be reached from the station"
+        )
 
     def world_config(self) -> WorldConfig:
         tables, arena, moving = self.tables, self.arena, self.tables.rules.moving
@@ -146,6 +159,10 @@ def _wall_factor(radio: Radio, believed_db: float | None) -> float:
     loss_db = radio.wall_loss_db if believed_db is None else believed_db
     factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
     return factor
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.001 else "less than 0.1%"
 
 
 def _plain(value: Any) -> Any:
