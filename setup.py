@@ -18,6 +18,9 @@ LEFT_TO_PYTHON = (
     "__",  # a package's own module, and its command line
     "config.py",  # pydantic reads these classes
     "floor_plan.py",
+    "map_file.py",
+    "map_header.py",
+    "user_file.py",
 )
 CHECKED = os.environ.get("VDS_CHECKED") == "1"
 

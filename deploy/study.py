@@ -225,8 +225,8 @@ def _processor() -> str:
 
 def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
     from deploy.scenario import load
+    from deploy.sweep.bounds import bounds_of
     from deploy.sweep.plots import draw
-    from deploy.sweep.statistics import bounds_of
 
     for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
         _say(console, f"drawn: {path}")

@@ -23,7 +23,7 @@ from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
 from world.feed import Event, unpack_feed
-from world.floor_plan import save_map
+from world.map_file import save_map
 from world.messages import Sense
 from world.terms import STATION, Cls
 

@@ -144,10 +144,10 @@ def fault_form(fault: Fault) -> dict[str, Any]:
 
 
 def describe(fault: Fault) -> str:
-    """The fault as the command line has it."""
-    what = f"{fault.probability:g}" if fault.verb == "loss" else fault.target
-    lasting = "" if fault.for_s is None else f"+{fault.for_s:g}"
-    return f"{fault.verb}:{what}@{fault.at_s:g}{lasting}"
+    """The fault as the command line has it, to twelve digits."""
+    what = f"{fault.probability:.12g}" if fault.verb == "loss" else fault.target
+    lasting = "" if fault.for_s is None else f"+{fault.for_s:.12g}"
+    return f"{fault.verb}:{what}@{fault.at_s:.12g}{lasting}"
 
 
 def resolve(

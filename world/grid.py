@@ -12,6 +12,11 @@ UNKNOWN: Final = -1
 FREE: Final = 0
 OCCUPIED: Final = 1
 
+MAX_CELLS: Final = 25_000_000
+FINEST_M: Final = 0.001
+FARTHEST_M: Final = 20_000.0
+"""Places travel as whole numbers of 10 um in 32 bits, and are recorded in single precision."""
+
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
@@ -59,7 +64,26 @@ class GridGeometry:
 
     def rectangle(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> NDArray[np.int64]:
         """Flat indices, ascending, of the cells whose centers lie in a rectangle."""
-        rows = self.y0_m + (np.arange(self.rows) + 0.5) * self.resolution_m
-        cols = self.x0_m + (np.arange(self.cols) + 0.5) * self.resolution_m
-        inside = ((rows > y0_m) & (rows < y1_m))[:, None] & ((cols > x0_m) & (cols < x1_m))[None, :]
-        return np.flatnonzero(inside)
+        y = self.y0_m + (np.arange(self.rows) + 0.5) * self.resolution_m
+        x = self.x0_m + (np.arange(self.cols) + 0.5) * self.resolution_m
+        rows, cols = np.flatnonzero((y > y0_m) & (y < y1_m)), np.flatnonzero((x > x0_m) & (x < x1_m))
+        inside: NDArray[np.int64] = (rows[:, None] * self.cols + cols).ravel()
+        return inside
+
+
+def check_grid(rows: int, cols: int, resolution_m: float, x0_m: float = 0.0, y0_m: float = 0.0) -> GridGeometry:
+    """The geometry, if a run can have it: asked before anything of that size is made.
+
+    Raises:
+        ValueError: it has no cells or too many, they are too small, or it lies too far away.
+    """
+    if not 0 < rows * cols <= MAX_CELLS:
+        raise ValueError(f"a grid of {rows:,} x {cols:,} cells; up to {MAX_CELLS:,} are possible")
+    if not resolution_m >= FINEST_M:
+        raise ValueError(f"a resolution of {resolution_m:g} m; {FINEST_M:g} m or more is possible")
+    farthest = max(abs(x0_m), abs(y0_m), abs(x0_m + cols * resolution_m), abs(y0_m + rows * resolution_m))
+    if not farthest <= FARTHEST_M:
+        raise ValueError(
+            f"a floor as far as {farthest:.9g} m from (0, 0); up to {FARTHEST_M:,g} m is possible: move its origin"
+        )
+    return GridGeometry(rows, cols, resolution_m, x0_m, y0_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from collections.abc import Sequence
 from html import escape
@@ -11,6 +12,8 @@ from deploy.page.charts import Bar, Line, Mark, bar_chart, legend, line_chart
 from deploy.page.html import card, cell_name, milliseconds, number, page, percent, say, seconds, table
 from deploy.page.map_picture import MAP_KEY, map_picture
 from deploy.run_folder.reader import Run
+from deploy.scenario.tables import ScenarioError, validate_fault
+from world.faults import describe
 
 __all__ = ["repeat_command", "report_page"]
 
@@ -281,16 +284,12 @@ def repeat_card(run: Run, title: str = "Repeat this run") -> str:
 def repeat_command(run: Run) -> str:
     """The command that repeats a run, with the faults that its scenario does not have because a hand made them."""
     words = ["deploy/run_local.py", "--scenario", str(run.path / "scenario.toml")]
-    planned: set[tuple[object, object]] = set()
+    planned: set[tuple[str, float]] = set()
     if run.scenario is not None:
         planned = {(fault.verb, fault.at_s) for fault in run.scenario.tables.fault}
-    for fault in run.rows("faults"):
-        if (fault.get("verb"), fault.get("at_s")) not in planned:
-            words += ["--fault", _fault_text(fault)]
+    for index, raw in enumerate(run.rows("faults")):
+        with contextlib.suppress(ScenarioError):  # a file that is damaged there
+            fault = validate_fault(raw, index)
+            if (fault.verb, fault.at_s) not in planned:
+                words += ["--fault", describe(fault)]
     return shlex.join(words)
-
-
-def _fault_text(fault: dict[str, Any]) -> str:
-    what = fault.get("probability") if fault.get("verb") == "loss" else fault.get("target", "")
-    lasting = f"+{fault['for_s']}" if fault.get("for_s") is not None else ""
-    return f"{fault.get('verb')}:{what}@{fault.get('at_s')}{lasting}"

@@ -11,8 +11,9 @@ from typing import Any
 
 from scipy.stats import spearmanr
 
+from deploy.sweep.bounds import Bounds
 from deploy.sweep.plan import Discard
-from deploy.sweep.statistics import ALL, Bounds, estimate, kept, mean_rates, usable
+from deploy.sweep.statistics import ALL, estimate, kept, mean_rates, usable
 
 __all__ = ["Verdict", "fig6_claims", "fig7_claims"]
 

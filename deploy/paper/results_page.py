@@ -15,9 +15,10 @@ from typing import Any, Final
 from deploy.paper.claims import Verdict, fig6_claims, fig7_claims
 from deploy.paper.prototype import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
 from deploy.scenario import load
+from deploy.sweep.bounds import Bounds, bounds_of
 from deploy.sweep.plan import BASE, Study, Variant, load_study, points_of
 from deploy.sweep.results import Results, Row, Series
-from deploy.sweep.statistics import ALL, Bounds, bounds_of, estimate, kept, ratio, usable
+from deploy.sweep.statistics import ALL, estimate, kept, ratio, usable
 
 __all__ = ["write_report"]
 
@@ -163,7 +164,7 @@ def _discard_words(study: Study) -> str:
 def _fig7(found: _Found) -> list[str]:
     low_s, high_s = found.bounds.t_low_s
     bounds = ", ".join(f"{found.bounds.r_low_m(n):.1f} m for N = {n}" for n in (6, 9, 12))
-    lines = [f"T_low = {low_s:.0f} to {high_s:.0f} s; r_low = {bounds} (`deploy/sweep/statistics.py: Bounds`).", ""]
+    lines = [f"T_low = {low_s:.0f} to {high_s:.0f} s; r_low = {bounds} (`deploy/sweep/bounds.py`).", ""]
     lines += _claims(fig7_claims(found.rows, found.bounds))
     lines += [_WITHIN, ""]
     lines += [

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
 from monitor_station.config import SearchCell
-from world.floor_plan import digest_of_map, from_rectangles, load_map, reachable
+from world.floor_plan import from_rectangles, reachable
 from world.geometry import line_of_sight, pad
 from world.grid import GridGeometry
+from world.map_file import digest_of_map, load_map
 
 __all__ = ["Arena", "survey"]
 

@@ -13,7 +13,7 @@ import types
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -32,6 +32,7 @@ __all__ = [
     "Victims",
     "nearest",
     "validate",
+    "validate_fault",
 ]
 
 Point: TypeAlias = tuple[float, float]
@@ -145,16 +146,31 @@ def validate(raw: Mapping[str, Any]) -> Tables:
     Raises:
         ScenarioError: an unknown key, a missing one, or a value out of its bounds.
     """
-    _refuse_unknown(raw, Tables, ())
+    return _checked(_TABLES, raw, Tables, ())
+
+
+def validate_fault(raw: Any, index: int) -> Fault:
+    """Check one [[fault]] by itself; `index`, from 0, is its place in the scenario's list.
+
+    Raises:
+        ScenarioError: as `validate`.
+    """
+    return _checked(_FAULT, raw, Fault, ("fault", index))
+
+
+T = TypeVar("T")
+_TABLES: TypeAdapter[Tables] = TypeAdapter(Tables)
+_FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
+
+
+def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...]) -> T:
+    _refuse_unknown(raw, kind, path)
     # In JSON a list may stand for a tuple, so that everything else can be strict: no "9" for 9, no true for 1.
     text = json.dumps(raw, default=str)
     try:
-        return _ADAPTER.validate_json(text, strict=True)
+        return adapter.validate_json(text, strict=True)
     except ValidationError as error:
-        raise ScenarioError(_first(error, raw)) from None
-
-
-_ADAPTER: TypeAdapter[Tables] = TypeAdapter(Tables)
+        raise ScenarioError(_first(error, raw, path)) from None
 
 
 def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
@@ -184,10 +200,10 @@ def _dataclass_in(hint: Any) -> Any:
     return None
 
 
-def _first(error: ValidationError, raw: Mapping[str, Any]) -> str:
-    """The first mistake that pydantic found, in one line."""
+def _first(error: ValidationError, raw: Any, path: tuple[str | int, ...]) -> str:
+    """The first mistake that pydantic found in the raw value at `path`, in one line."""
     errors = error.errors(include_url=False)
-    places = [_place(item["loc"], raw) for item in errors]
+    places = [(*path, *_place(item["loc"], raw)) for item in errors]
     messages: list[str] = []
     for item, place in zip(errors, places, strict=True):
         message = "is missing" if item["type"] == "missing" else item["msg"].replace("Input should", "should")

@@ -32,7 +32,7 @@ _RANGE: Final = re.compile(r"(-?\d+)\.\.(-?\d+)")
 
 @dataclass(frozen=True)
 class Discard:
-    """Runs that a figure leaves out: those that search `cell` before `before` (see study_statistics.goes_first)."""
+    """Runs that a figure leaves out: those that search `cell` before `before` (`statistics.goes_first`)."""
 
     cell: str
     before: str

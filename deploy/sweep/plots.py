@@ -14,8 +14,9 @@ mpl.use("Agg")
 
 from matplotlib import pyplot as plt
 
+from deploy.sweep.bounds import Bounds
 from deploy.sweep.plan import BASE, Study
-from deploy.sweep.statistics import ALL, Bounds, estimate, kept, mean_rates, usable
+from deploy.sweep.statistics import ALL, estimate, kept, mean_rates, usable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -114,7 +114,7 @@ def test_the_command_names_faults_that_a_hand_made(plain: Path, tmp_path: Path) 
     (tmp_path / "by hand" / "summary.json").write_text(json.dumps(summary))
     words = shlex.split(repeat_command(read_run(tmp_path / "by hand")))
     assert words[2] == str(tmp_path / "by hand" / "scenario.toml")
-    assert words[3:] == ["--fault", "pause:3@4.1+2.5", "--fault", "loss:0.25@6.0+3.0"]
+    assert words[3:] == ["--fault", "pause:3@4.1+2.5", "--fault", "loss:0.25@6+3"]
 
 
 def test_a_comparison_shows_both_and_the_difference(plain: Path, faulted: Path) -> None:

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from deploy.scenario import Scenario, ScenarioError, load, names, parse_set
 from world.config import Fault
-from world.floor_plan import save_map
 from world.geometry import line_of_sight
 from world.grid import FREE, OCCUPIED, GridGeometry
+from world.map_file import save_map
 
 
 def room_map(folder: Path) -> Path:

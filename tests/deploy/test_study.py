@@ -22,11 +22,12 @@ from deploy.paper.claims import fig6_claims, fig7_claims
 from deploy.paper.results_page import write_report
 from deploy.scenario import ScenarioError, load
 from deploy.study import main
+from deploy.sweep.bounds import Bounds, bounds_of
 from deploy.sweep.plan import Discard, Point, Study, Variant, load_study, points_of, study_names
 from deploy.sweep.plots import draw
 from deploy.sweep.results import Results, differences
 from deploy.sweep.row import ERROR, Finished, run_point
-from deploy.sweep.statistics import Bounds, bounds_of, estimate, goes_first, kept, mean_rates, ratio
+from deploy.sweep.statistics import estimate, goes_first, kept, mean_rates, ratio
 from deploy.sweep.workers import DaskCluster, Execution, LocalPool
 from tests import ROOT
 from tests.helpers.study_workers import die_once_told, pretend

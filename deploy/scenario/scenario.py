@@ -1,0 +1,157 @@
+"""A scenario that fits together, and what it tells each process of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from agents.config import RobotConfig
+from deploy.scenario.arena import Arena
+from deploy.scenario.tables import Tables
+from medium.config import MediumConfig, Radio
+from monitor_station.config import RecorderConfig, StationConfig
+from world.config import WorldConfig
+from world.faults import fault_form
+from world.map_file import digest_of_map
+from world.terms import STATION
+
+__all__ = ["Scenario"]
+
+_SMOOTHING_S: Final = 1.0
+"""Over which robots average the power that they receive, where the radio is noisy."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario that fits together: its tables, and the arena that they stand for."""
+
+    tables: Tables
+    arena: Arena
+
+    @property
+    def name(self) -> str:
+        return self.tables.name
+
+    @property
+    def robots(self) -> int:
+        return self.tables.robots
+
+    @property
+    def seed(self) -> int:
+        return self.tables.seed
+
+    @property
+    def radius_m(self) -> float:
+        return self.tables.radius_m
+
+    @property
+    def duration_s(self) -> float:
+        return self.tables.duration_s
+
+    @property
+    def cell_names(self) -> tuple[str, ...]:
+        return tuple(cell.name for cell in self.arena.search_cells)
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per wall second; 0 = as fast as possible."""
+        return 0.0 if self.tables.speed == "max" else self.tables.speed
+
+    def world_config(self) -> WorldConfig:
+        tables, arena, moving = self.tables, self.arena, self.tables.rules.moving
+        return WorldConfig(
+            seed=tables.seed,
+            robots=tables.robots,
+            geometry=arena.geometry,
+            occupied=arena.occupied,
+            station_m=arena.station_m,
+            starts_m=arena.starts_m,
+            top_speed_m_s=max(moving.speed_m_s, moving.trace_speed_m_s),
+            duration_s=tables.duration_s,
+            victims_m=arena.victims_m,
+            lidar=tables.lidar,
+            pose_noise_m=tables.pose_noise_m,
+            faults=tables.fault,
+            cell_names=self.cell_names,
+            hang_deadline_s=tables.deadlines.hang_s,
+            medium_deadline_s=tables.deadlines.medium_s,
+            return_deadline_s=tables.deadlines.return_s,
+            speed=self.speed,
+        )
+
+    def medium_config(self) -> MediumConfig:
+        tables, arena = self.tables, self.arena
+        return MediumConfig(tables.seed, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
+
+    def robot_config(self, node: int) -> RobotConfig:
+        """What robot `node` knows before it starts; for the station's own node see `station_config`."""
+        tables, arena, radio = self.tables, self.arena, self.tables.radio
+        noisy = radio.model == "log_distance" and radio.shadowing_db > 0
+        return RobotConfig(
+            node=node,
+            seed=tables.seed,
+            geometry=arena.geometry,
+            station_m=arena.station_m,
+            safety_zone_m=arena.safety_zone_m,
+            radius_m=tables.radius_m,
+            lidar_range_m=tables.lidar.range_m,
+            lidar_beams=tables.lidar.beams,
+            tx_power_dbm=radio.tx_power_dbm,
+            loss_1m_db=radio.loss_1m_db,
+            exponent=radio.exponent,
+            power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
+            wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
+            policy=tables.policy,
+            rules=tables.rules,
+        )
+
+    def station_config(self) -> StationConfig:
+        return StationConfig(self.robot_config(STATION), self.arena.search_cells)
+
+    def recorder_config(self, run: str) -> RecorderConfig:
+        tables, arena = self.tables, self.arena
+        return RecorderConfig(
+            run=run,
+            geometry=arena.geometry,
+            occupied=arena.occupied,
+            station_m=arena.station_m,
+            radius_m=tables.radius_m,
+            robots=tables.robots,
+            victims_m=arena.victims_m,
+            search_cells=arena.search_cells,
+            cell_rectangles_m=arena.cell_rectangles_m,
+        )
+
+    def to_toml(self) -> str:
+        """The scenario as resolved, every default written out: `load` of it gives the same run."""
+        raw = _plain(dataclasses.asdict(self.tables))
+        raw["fault"] = [fault_form(fault) for fault in self.tables.fault]
+        if self.tables.floor_plan.map is not None:
+            raw["floor_plan"]["map_sha256"] = digest_of_map(Path(self.tables.floor_plan.map))
+        text: str = tomli_w.dumps({key: value for key, value in raw.items() if value != []})
+        return text
+
+
+def _wall_factor(radio: Radio, believed_db: float | None) -> float:
+    """How many times farther away one wall makes a node seem, as the robots believe."""
+    if radio.model == "disk":
+        return 1.0
+    if radio.model == "disk_los":
+        return math.inf
+    loss_db = radio.wall_loss_db if believed_db is None else believed_db
+    factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
+    return factor
+
+
+def _plain(value: Any) -> Any:
+    """TOML types: lists for tuples, and nothing for None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,64 @@
+"""Files that a user names: whatever lies at the path, it is read whole and bounded, or refused in one line."""
+
+from __future__ import annotations
+
+import codecs
+import stat
+from pathlib import Path
+from typing import Final
+
+__all__ = ["read_bytes", "read_text", "shown"]
+
+_MOST_SHOWN: Final = 70
+
+
+def shown(text: object, most: int = _MOST_SHOWN) -> str:
+    """A name or value of the user's for a message: one line, printable, and its middle left out where it is long."""
+    line = "".join(c if c.isprintable() else "?" for c in str(text)[: 2**16])
+    if len(line) <= most:
+        return line
+    ahead = most // 3
+    return f"{line[:ahead]}...{line[ahead + 3 - most :]}"
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """A regular file's bytes; a pipe or a device, which may never end, is not opened.
+
+    Raises:
+        ValueError: it can't be read, or it has more than `most` bytes.
+    """
+    try:
+        kind = path.stat().st_mode
+        if stat.S_ISDIR(kind):
+            raise ValueError("a folder, not a file")
+        if not stat.S_ISREG(kind):
+            raise ValueError("a pipe or a device, not a file")
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise ValueError(f"{shown(path)}: {error.strerror}") from None
+    except ValueError as error:  # ours, and a name that no file can have
+        raise ValueError(f"{shown(path)}: {error}") from None
+    if len(data) > most:
+        raise ValueError(f"{shown(path)}: larger than {most:,} bytes")
+    return data
+
+
+def read_text(path: Path, most: int, errors: str = "strict") -> str:
+    r"""A regular file's text in UTF-8, or in UTF-16 if it begins with that byte order mark; every line ends with \n.
+
+    Args:
+        path: of the file.
+        most: bytes.
+        errors: what to do with bytes that are no text, as `bytes.decode` has it.
+
+    Raises:
+        ValueError: it can't be read, has more than `most` bytes, or is no text.
+    """
+    data = read_bytes(path, most)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = data.decode("utf-16" if wide else "utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{shown(path)}: not a text file: byte {error.start + 1} is not {error.encoding}") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
