@@ -31,7 +31,7 @@ _HEAD: Final = """\
 Written by `deploy/study.py report` from the results of the studies; every number and verdict below is computed.
 
 Our copy of the paper has no figures, so its Fig. 3 (the flowchart of behavior) and Fig. 5 (the floor plan) are missing.
-Our rules and our floor plan are reconstructions ([paper.md](paper.md)). What can be compared is the shape of the curves,
+Our rules and floor plan are reconstructions ([paper.md](paper.md)). What can be compared is the shape of the curves,
 as the paper's text describes it; its numbers are not known. Numbers are compared with those of an independent prototype
 on the same floor plan. All robots of the prototype share one map at once, while here scans travel hop by hop. Intervals
 are 95 % confidence intervals of the mean (Student's t).
@@ -45,7 +45,7 @@ Written by `deploy/study.py report` from the results of the studies; every numbe
 
 `vds` is the paper's policy as we read it ([paper.md](paper.md)), with one rule of ours that it cannot do without behind
 walls: a silent neighbor counts as far away [paper 3.7]. `scout` is our own policy on top of it ([its rules](scout.md)):
-robots predict from their own maps where walls will stop the radio, call for help when their chain is too short, and walk
+robots predict from their maps where walls will stop the radio, call for help when their chain is too short, and walk
 faster where there is nothing to see. **Part of its gain is walking faster**: it walks at 2 km/h, which the paper keeps
 for tracing other robots. So where the two are compared there are two numbers for `scout`, one of them at the paper's 1
 km/h. Intervals are 95 % confidence intervals: of a mean by Student's t, of a ratio those of the ratio of two means over
