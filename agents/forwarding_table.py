@@ -6,7 +6,8 @@ only with a smaller metric") is one comparison:
 
     freshness = seqno * 256 + (255 - hop count), or -1 for an unknown destination.
 
-Freshness never falls at any node, and along next hops it never falls either; that is why no loop can arise.
+Freshness never falls at any node, and rises along next hops, from tick to tick, at all nodes that take part in a tick;
+that is why no loop can arise. A node that is back, but has not taken its first step, does not count (ARCHITECTURE.md).
 A broken entry (hop count 255, odd number) is kept, not deleted.
 
 The columns are arrays over all destinations up to the highest one that is known: a node merges degree times N rows in
