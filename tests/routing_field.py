@@ -68,9 +68,9 @@ class Field:
 
     def _router(self, node: int) -> Router:
         incarnation = self.incarnation[node]
-        quiet_until = self.tick + 11 if incarnation else self.tick
+        config = router_config(node)
         rng = random.Random(f"{self.rng.random()}/{node}/{incarnation}")
-        return Router(router_config(node), rng, quiet_until)
+        return Router(config, rng, config.rules.routing.quiet_until(incarnation, self.tick))
 
     @property
     def present(self) -> list[int]:
