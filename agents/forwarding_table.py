@@ -6,8 +6,9 @@ replaces, an equal one only with a smaller metric") is one comparison:
 
     freshness = seqno * 256 + (255 - hop count), or -1 for an unknown destination.
 
-Freshness never falls at any node, nor along next hops, so no loop can arise [paper 3.6]. A broken entry (hop count 255,
-odd number) is kept, not deleted.
+Freshness never falls at any node, and rises along next hops, from tick to tick, at all nodes that take part in a tick;
+so no loop can arise [paper 3.6]. A node that is back, but has not taken its first step, does not count
+(ARCHITECTURE.md). A broken entry (hop count 255, odd number) is kept, not deleted.
 
 The columns are arrays, and the destination's id is the index. A node merges degree x N rows in every tick, and most of
 them are old news; an index finds that out sooner than a hash does.
