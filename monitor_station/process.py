@@ -18,7 +18,7 @@ from bus.session import Login
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
-from world.map_file import save_map
+from world.grid.map_file import save_map
 from world.messages import Sense
 from world.seeds import node_stream
 from world.terms import STATION

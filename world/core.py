@@ -20,7 +20,7 @@ from world.agenda import Agenda
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, describe, fault_form, resolve
 from world.feed import Signal
-from world.geometry import pad
+from world.grid.lines import pad
 from world.messages import Motion, Positions, Report, Sense, Stop
 from world.motion import move
 from world.roster import Roster

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from world.geometry import walls_crossed
 from world.grid import GridGeometry
+from world.grid.lines import walls_crossed
 from world.terms import TICK_S
 
 __all__ = ["move"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.config import WorldConfig
-from world.geometry import line_of_sight, pad
+from world.grid.lines import line_of_sight, pad
 from world.lidar import Caster
 from world.messages import Sense
 from world.roster import Roster

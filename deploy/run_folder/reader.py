@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 from world.grid import GridGeometry
-from world.map_file import read_map
+from world.grid.map_file import read_map
 
 __all__ = ["MergedMap", "Run", "RunFilesError", "read_run"]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
 from monitor_station.config import SearchCell
-from world.floor_plan import clearance, connected_parts, from_rectangles
-from world.geometry import line_of_sight, pad
 from world.grid import GridGeometry
-from world.map_file import digest_of_map, load_map
+from world.grid.floor_plan import clearance, connected_parts, from_rectangles
+from world.grid.lines import line_of_sight, pad
+from world.grid.map_file import digest_of_map, load_map
 from world.seeds import Stream, sequence
 from world.user_file import shown
 

@@ -16,7 +16,7 @@ from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import WorldConfig
 from world.faults import fault_form
-from world.map_file import digest_of_map
+from world.grid.map_file import digest_of_map
 from world.terms import STATION
 from world.user_file import shown
 

@@ -29,8 +29,8 @@ from tests.oracles import lines as oracle_lines
 from tests.oracles import planner as oracle_planner
 from tests.oracles.forwarding_table import OracleTable
 from tests.oracles.own_map import OracleMap
-from world.geometry import line_of_sight, walls_crossed
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from world.grid.lines import line_of_sight, walls_crossed
 from world.lidar import Caster
 from world.terms import NOBODY
 

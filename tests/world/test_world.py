@@ -14,8 +14,8 @@ from tests.helpers.hand_driven import Run, config
 from world.config import Fault, Lidar
 from world.core import World
 from world.feed import SIGNALS, Signal
-from world.geometry import walls_crossed
 from world.grid import GridGeometry
+from world.grid.lines import walls_crossed
 from world.messages import Report, Sense, Status
 from world.motion import move
 from world.terms import NOBODY, UNREACHABLE, Cls

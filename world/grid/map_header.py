@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, check_grid
+from world.grid.geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry, check_grid
 from world.user_file import read_text, shown
 
 __all__ = ["FREE_THRESH", "OCCUPIED_THRESH", "MapHeader", "read_header"]
