@@ -18,7 +18,7 @@ Share = Annotated[float, Ge(0), Le(1)]
 KM_H = 1 / 3.6
 
 POWER_SMOOTHING_S: Final = 1.0
-"""Over which robots average the power that they receive, where shadowing makes it jump."""
+"""Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Scouting:
     """Loss per wall that the robots believe in; None: that of `[radio]`."""
 
     def wall_factor(self, model: str, wall_loss_db: float, exponent: float) -> float:
-        """How many times farther away one wall makes a node seem, as the robots believe.
+        """Factor by which one wall makes a node seem farther away, as the robots believe.
 
         Args:
             model: of the radio: disk, disk_los or log_distance.
@@ -179,10 +179,10 @@ class Rules:
     scouting: Scouting = field(default_factory=Scouting)
 
     def check(self) -> None:
-        """Check what no field can say alone.
+        """Check the rules that concern several fields.
 
         Raises:
-            ValueError: one line that says what is wrong, the keys relative to the rules' table.
+            ValueError: one line that says what is wrong, with keys relative to `[rules]`.
         """
         routing, exploring = self.routing, self.exploring
         if not routing.r_in_share < routing.r_out_share <= 1:
