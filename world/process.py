@@ -77,7 +77,7 @@ class Shell:
         self._untold = False
         """The last tick is not yet published."""
         # What is measured.
-        self._stopwatch = Stopwatch()
+        self._stopwatch = Stopwatch(time.time)
         self._phases = Phases(time.perf_counter)
         self._malformed = Malformed()
         self._open()
@@ -103,7 +103,7 @@ class Shell:
         self._put_final = session.publisher(keys.final("world"), blocking=True)
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._watchers = Watchers(session)
-        self._silence = Silence(self._config, lambda: self._put_positions(seal(Kind.PING, 0)))
+        self._silence = Silence(self._config, time.monotonic, lambda: self._put_positions(seal(Kind.PING, 0)))
         self._pong_key, self._moved_key = keys.pong, keys.moved
         session.subscribe(self._mailbox, keys.moved, keys.pong)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))

@@ -6,7 +6,6 @@ against nodes only while the medium answers pings, and before a node is given up
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection
 from typing import Final
 
@@ -26,14 +25,21 @@ class RunError(Exception):
 class Silence:
     """Judges the silence of nodes, then of the medium, in one tick after the other."""
 
-    def __init__(self, config: WorldConfig, ping: Callable[[], None]) -> None:
-        """`ping`: sends the medium a ping, which it answers once it has passed on all that it holds."""
+    def __init__(self, config: WorldConfig, now_s: Callable[[], float], ping: Callable[[], None]) -> None:
+        """Judge by a configuration's deadlines.
+
+        Args:
+            config: the run's.
+            now_s: the wall clock.
+            ping: sends the medium a ping, which it answers once it has passed on all that it holds.
+        """
         self._config = config
+        self._now_s = now_s
         self._ping = ping
         self._owing: Patience | None = None
         """Since when the medium owes an answer."""
         self._answers = 0
-        self._heard_s = time.monotonic()
+        self._heard_s = self._now_s()
         """When something came in last."""
         self._waited = Patience(self._heard_s)
         """For whom the tick waits at present: the nodes, then the medium."""
@@ -42,7 +48,7 @@ class Silence:
 
     def heard(self) -> None:
         """Something came in."""
-        self._heard_s = time.monotonic()
+        self._heard_s = self._now_s()
 
     def answered(self) -> None:
         """The medium answered a ping."""
@@ -56,7 +62,7 @@ class Silence:
 
     def wait(self) -> None:
         """A wait begins: for the nodes of a tick, or for the medium."""
-        self._waited = Patience(time.monotonic())
+        self._waited = Patience(self._now_s())
         self._sure = None
 
     def given_up(self, missing: Collection[int], excused: Collection[int], *, interrupted: bool) -> list[int]:
@@ -70,7 +76,7 @@ class Silence:
         Raises:
             RunError: the medium does not answer.
         """
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if not self._medium_answers(now_s, interrupted=interrupted):
             self._waited.excuse(now_s)
             return []
@@ -92,7 +98,7 @@ class Silence:
         Raises:
             RunError: it has done so for longer than the medium's deadline.
         """
-        self._hold_to_deadline(self._waited.wait(time.monotonic()), interrupted=interrupted)
+        self._hold_to_deadline(self._waited.wait(self._now_s()), interrupted=interrupted)
 
     def _medium_answers(self, now_s: float, *, interrupted: bool) -> bool:
         if self._owing is None:
