@@ -172,6 +172,8 @@ def _run(
         view = _view(options, console, scenario.cell_names)
         pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
         view.line(f"run folder {out}{pids}")
+        if scenario.remark:
+            view.line(scenario.remark)
         if options.in_process:
             from deploy.in_process import run_in_process
 

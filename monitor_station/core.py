@@ -42,7 +42,7 @@ class Station:
         self.downlink = MapDownlink(node.rules.reporting.chunk_cells)
         self.search = SearchRate(config.search_cells, node.geometry.size)
         known = np.flatnonzero(self.merger.cells >= 0)
-        self.search.update(0, known, self.merger.cells)
+        self.search.update(0, known)
         self.bad_frames = 0
         self._tick = first_tick
         self._journal: list[bytes] = []
@@ -79,7 +79,7 @@ class Station:
         self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
         cells, values = change
         self.downlink.append(cells.astype(np.uint32), values)
-        self.search.update(tick, cells, self.merger.cells)
+        self.search.update(tick, cells)
         return change
 
     @staticmethod

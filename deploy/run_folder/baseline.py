@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deploy.scenario.files import read_toml
 from deploy.scenario.tables import ScenarioError
 
 if TYPE_CHECKING:
@@ -47,10 +48,7 @@ class Baseline:
             ScenarioError: there is no such run, it has not ended, or it is of another scenario or seed.
         """
         summary = _summary_of(folder)
-        try:
-            was = tomllib.loads((folder / "scenario.toml").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ScenarioError(f"{folder / 'scenario.toml'}: {error}") from None
+        was = read_toml(folder / "scenario.toml")
         now = tomllib.loads(scenario.to_toml())
         for key in sorted({*was, *now}.difference(_NO_MATTER)):
             if was.get(key) != now.get(key):

@@ -18,6 +18,7 @@ from world.config import WorldConfig
 from world.faults import fault_form
 from world.map_file import digest_of_map
 from world.terms import STATION
+from world.user_file import shown
 
 __all__ = ["Scenario"]
 
@@ -57,6 +58,18 @@ class Scenario:
     def speed(self) -> float:
         """Simulated seconds per wall second; 0 = as fast as possible."""
         return 0.0 if self.tables.speed == "max" else self.tables.speed
+
+    @property
+    def remark(self) -> str:
+        """What of the floor can't be reached, in a line to be read before the run; empty if all can."""
+        arena = self.arena
+        if not arena.unreachable:
+            return ""
+        cells = zip(self.cell_names, arena.unreachable_of, strict=True)
+        cut = [f"{_percent(share)} of cell '{shown(name)}'" for name, share in cells if share]
+        return (
+            ", ".join([f"{_percent(arena.unreachable)} of the free floor", *cut]) + " can't be reached from the station"
+        )
 
     def world_config(self) -> WorldConfig:
         tables, arena, moving = self.tables, self.arena, self.tables.rules.moving
@@ -131,6 +144,10 @@ class Scenario:
             raw["floor_plan"]["map_sha256"] = digest_of_map(Path(self.tables.floor_plan.map))
         text: str = tomli_w.dumps({key: value for key, value in raw.items() if value != []})
         return text
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.001 else "less than 0.1%"
 
 
 def _plain(value: Any) -> Any:
