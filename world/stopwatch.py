@@ -1,4 +1,4 @@
-"""Where the wall time of the ticks goes: durations, and who was waited for last."""
+"""Wall time of the ticks: how long they take, and which process was waited for last."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Stopwatch:
     """
 
     def __init__(self, unix_s: Callable[[], float]) -> None:
-        """`unix_s`: the clock that says when the ticks were, in seconds since 1970."""
+        """`unix_s`: the clock that dates the first and the last tick, in seconds since 1970."""
         self._unix_s = unix_s
         self._ticks_s = array("d")
         self._blame_s: dict[str, float] = {"world": 0.0, "medium": 0.0}
@@ -29,7 +29,7 @@ class Stopwatch:
     def tick(
         self, begin_s: float, sent_s: float, moved_s: float, done_s: float, end_s: float, last: str | None
     ) -> None:
-        """Count one tick by its five moments of wall time; `last` is who moved last."""
+        """Count one tick by its five moments of wall time; `last` is the process that answered last."""
         self._last_unix_s = self._unix_s()
         if not self._ticks_s:
             self._first_unix_s = self._last_unix_s - (end_s - begin_s)
