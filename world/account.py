@@ -1,7 +1,7 @@
-"""What a tick came to: its snapshot, its events, and the counts that the summary takes from all of them.
+"""The account of a tick: its snapshot, its events, and what it adds to the counts of the summary.
 
-The core closes a tick as soon as everybody has moved; the account of it is worked out when somebody asks or when the
-next tick depends on it, so that nobody waits for it.
+The core closes a tick as soon as all robots have moved. The account is settled later, when it is asked for or when the
+next tick depends on it, so that no process waits for it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["Account", "Told"]
 
 @dataclass(slots=True, init=False)
 class Told:
-    """What a tick came to."""
+    """The account of one tick."""
 
     snapshot: Snapshot
     events: tuple[Event, ...]
@@ -41,7 +41,7 @@ class Told:
 
 @dataclass(slots=True, init=False)
 class _Closed:
-    """What a closed tick leaves for its account, besides the statuses."""
+    """What a closed tick leaves for its account, besides the statuses of the robots."""
 
     tick: int
     present: list[bool]
@@ -65,7 +65,7 @@ class _Closed:
 
 
 class Account:
-    """The account of one run."""
+    """Keeps the accounts of all ticks of a run."""
 
     snapshot: Snapshot
     """Of the last settled tick."""
@@ -96,15 +96,15 @@ class Account:
         self._events.append(Event(tick, "fault", node, text, data))
 
     def faulted(self, fault: Fault, node: int, tick: int) -> None:
-        """A fault acts on a node (NOBODY for jam and loss) from `tick` on: follow whom it cuts off."""
+        """Follow whom a fault cuts off that acts on a node (NOBODY for jam and loss) from `tick` on."""
         self._recoveries.begin(fault, node, tick, self.snapshot, self._reports())
 
     def rewritten(self, entry: Rewritten) -> None:
-        """The log has learned how an unscheduled departure ended."""
+        """Note how an unscheduled departure ended."""
         self._recoveries.replace(entry.was, entry.now)
 
     def renew(self, node: int) -> None:
-        """A new incarnation of a node: what its predecessor said last no longer holds, but still counts."""
+        """Begin a new incarnation of a node: its predecessor's last status holds no longer, but its reports count."""
         if node == STATION:
             return
         past = self._statuses[node - 1]
@@ -128,7 +128,7 @@ class Account:
         self._events = []
 
     def settle(self) -> None:
-        """Work out what the closed tick came to, unless that is done; before anything changes that it depends on."""
+        """Settle the account of the closed tick, unless that is done: before anything that it depends on changes."""
         closed, self._closed = self._closed, None
         if closed is None:
             return
@@ -143,16 +143,16 @@ class Account:
 
     @property
     def watching(self) -> bool:
-        """Whether a fault is being followed: then a closed tick must be settled before the next begins."""
+        """Whether a fault is followed; then a tick must be settled before the next begins."""
         return self._recoveries.watching
 
     def tell(self) -> Told:
-        """What the tick that was closed last came to."""
+        """The account of the tick that was closed last."""
         self.settle()
         return self._told
 
     def final(self) -> dict[str, Any]:
-        """The account's part of the summary; `faults` is what acted, in the form that a scenario accepts."""
+        """What the summary takes from here; `faults` are those that acted, in the form that a scenario accepts."""
         self.settle()
         statuses = self._statuses
         present = {node: s for node, s in enumerate(statuses, 1) if self._roster.present(node)}
@@ -181,7 +181,7 @@ class Account:
         return [self._roster.present(node) for node in range(1, len(self._statuses) + 1)]
 
     def _photograph(self, closed: _Closed) -> Snapshot:
-        """The snapshot of a tick; a robot that was away shows no route, and else its last status."""
+        """The snapshot of a tick. A robot that was away has no route in it, and its last status otherwise."""
         statuses, present, report = self._statuses, closed.present, closed.report
         routed = [status if here else _AWAY for status, here in zip(statuses, present, strict=True)]
         targets_m: list[float] = []

@@ -1,4 +1,4 @@
-"""What an operator says to a run under way: commands of pace, and faults by hand."""
+"""Commands of an operator to a run under way: its pace, and faults by hand."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Control"]
 
 
 class Control:
-    """Answers the operator, in a thread of the session's; faults wait until the world takes them in its own thread."""
+    """Answers the operator in a thread of the session. Faults wait until the world takes them in its own."""
 
     def __init__(self, pace: Pace, robots: int, status: Callable[[], dict[str, Any]]) -> None:
         """`status`: how the run stands, JSON types; part of every answer."""

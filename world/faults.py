@@ -1,4 +1,4 @@
-"""Faults: how they are written, what is wrong with one, and whom a role means at that moment."""
+"""Faults: their written forms, their checks, and the node that a role stands for at a given moment."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def check_fault(fault: Fault, robots: int | None = None, duration_s: float | None = None) -> None:
-    """Check a fault by itself, and against the run where that is given.
+    """Check a fault by itself, and against a run where one is given.
 
     Raises:
         ValueError: one line that says what is wrong.
@@ -153,10 +153,11 @@ def describe(fault: Fault) -> str:
 def resolve(
     target: str, snapshot: Snapshot, station_m: tuple[float, float], generator: np.random.Generator
 ) -> int | None:
-    """The node that a target means at this moment, or None if nobody has that role.
+    """The node that a target stands for at this moment, or None if no node has that role.
 
-    `relay:mid` and `relay:first` follow the NMS pointers from the search robot with the most hops whose pointers
-    reach the MS; the first relay is the one next to the MS. `nms-of:7` is a robot: None while 7 hears the MS itself.
+    `relay:mid` and `relay:first` follow the NMS pointers from the farthest search robot whose pointers reach the MS
+    over a relay; the first relay is the one next to the MS. `nms-of:7` is always a robot: None while the MS is the NMS
+    of 7.
     """
     present = snapshot.nodes[snapshot.present.astype(bool)]
     if target == "station":

@@ -1,4 +1,4 @@
-"""What those who watch a run are told: recorder, launcher and studies, never a robot.
+"""Messages to those who watch a run: recorder, launcher and studies, never a robot.
 
 The world's feed (key `feed`) is a batch of snapshots; an event and a signal come one by one (keys `event`, `signal`).
 """
@@ -121,7 +121,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line in events.jsonl and in the recording's log."""
+    """An event of a run: a line in events.jsonl and in the recording's log."""
 
     tick: int
     kind: str
@@ -144,7 +144,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """What happens to the process of `node` now, because of a scheduled fault or one made by hand."""
+    """What the launcher does to the process of `node` now, by a fault of the scenario or by hand."""
 
     tick: int
     node: int

@@ -31,9 +31,9 @@ class Sense:
 
     tick: int
     first: bool
-    """True at the node's first tick after it (re)joined: no inbox to wait for."""
+    """True at the node's first tick after it joined or rejoined: it has no inbox yet."""
     incarnation: int
-    """How many processes this node has had before this one; counted by the world."""
+    """How many processes this node had before this one, as the world counts them."""
     x_m: float
     y_m: float
     ranges_m: NDArray[np.float64] | None
@@ -98,7 +98,7 @@ def sightings(raw: Any) -> tuple[tuple[int, float, float], ...]:
 
 @dataclass(slots=True, init=False)
 class Status:
-    """A robot's own view of itself; for fault targets, logs, live table and recording only."""
+    """What a robot says of itself. It serves fault targets, snapshots and verdicts only, never another robot."""
 
     cls: int
     nms: int
@@ -141,7 +141,7 @@ class Status:
 
 @dataclass(slots=True, init=False)
 class Motion:
-    """What a robot does until the next tick: a velocity, which the world caps at the robot's top speed."""
+    """What a robot does until the next tick: a velocity, which the world limits to the robot's top speed."""
 
     tick: int
     vx_m_s: float
@@ -176,7 +176,7 @@ class Motion:
 
 @dataclass(slots=True, init=False)
 class Report:
-    """The station's word on the mission, every tick."""
+    """What the station says of the mission, at every tick."""
 
     tick: int
     searched: bool
@@ -233,7 +233,7 @@ class Jam:
 
 @dataclass(slots=True, init=False)
 class Positions:
-    """The roster of a tick and where everyone truly is: the medium's input."""
+    """The roster of a tick and the true positions of its nodes: the medium's input."""
 
     tick: int
     nodes: NDArray[np.int16]
@@ -288,7 +288,7 @@ def _jam(raw: Any) -> Jam:
 
 @dataclass(frozen=True, slots=True)
 class Departed:
-    """`node` takes no part in `tick` any more, nor later until it is in a roster again."""
+    """From `tick` on, `node` takes no part until it is in a roster again."""
 
     tick: int
     node: int

@@ -1,4 +1,4 @@
-"""How fast simulated time runs against the wall clock, and what an operator says while it runs."""
+"""Pace of a run: how fast simulated time runs against the wall clock, and the commands that change it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COMMANDS: Final = "hold, step [N], go, speed F|max, fault VERB:TARGET@T[+D], int
 
 
 class Pace:
-    """When the next tick may begin; commands come from another thread."""
+    """Says when the next tick may begin. Commands come from another thread."""
 
     def __init__(self, speed: float, now_s: Callable[[], float], *, held: bool = False) -> None:
         """Pace of a run.
@@ -32,7 +32,7 @@ class Pace:
         self._steps: int | None = 0 if held else None
         """Ticks that a held run may still take; None = not held."""
         self._base: tuple[int, float] | None = None
-        """(tick, wall time) that the schedule counts from; anew after every change."""
+        """(tick, wall time) from which the schedule counts; set anew after every change."""
         self.interrupted = False
 
     def delay_s(self, tick: int) -> float:
@@ -61,7 +61,7 @@ class Pace:
         self.interrupted = True
 
     def command(self, line: str, status: Callable[[], dict[str, Any]]) -> str:
-        """Obey one of COMMANDS other than `fault`, which is no matter of pace; returns JSON."""
+        """Obey one of COMMANDS except `fault` (world/control.py); returns JSON."""
         words = line.split()
         try:
             self._obey(words)

@@ -20,7 +20,7 @@ FARTHEST_M: Final = 20_000.0
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
-    """Where a grid lies: everybody who shares a map agrees on it before the run."""
+    """Where a grid lies. All who share a map agree on it before the run."""
 
     rows: int
     cols: int
@@ -30,7 +30,7 @@ class GridGeometry:
     y0_m: float = 0.0
 
     def __reduce__(self) -> tuple[type[GridGeometry], tuple[int, int, float, float, float]]:
-        """Travel to another process: compiled classes do not by themselves."""
+        """Make it picklable, which compiled classes are not by themselves."""
         return GridGeometry, (self.rows, self.cols, self.resolution_m, self.x0_m, self.y0_m)
 
     @property
@@ -72,7 +72,7 @@ class GridGeometry:
 
 
 def check_grid(rows: int, cols: int, resolution_m: float, x0_m: float = 0.0, y0_m: float = 0.0) -> GridGeometry:
-    """The geometry, if a run can have it: asked before anything of that size is made.
+    """The geometry, if a run can have it; to be called before anything of that size is made.
 
     Raises:
         ValueError: it has no cells or too many, they are too small, or it lies too far away.
