@@ -1,7 +1,7 @@
-"""How good a robot's links are: what the route to the MS asks before it keeps, leaves or adopts an NMS (nms.py).
+"""How good a robot's links are. The route to the MS asks before it keeps, leaves or adopts an NMS (nms.py).
 
-The paper's answer is received power alone (II-B): a link is weak when d_in > r_in, and silence is distance (rule A).
-A policy that knows more of its links derives from `LinkQuality` and hands its own to `router.ms.links`.
+The paper's answer is received power alone: a link is weak when d_in > r_in [paper 5.3, 5.7], and silence is distance
+(rule A [paper 3.7]). A policy that knows more of its links derives from `LinkQuality` and sets `router.ms.links`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ class LinkQuality:
         return self.neighbors.distance_m(nms, tick) > self.reach_m
 
     def leaving(self) -> bool:
-        """Whether the link to the NMS will be lost where the robot wants to go: then it is as good as weak."""
+        """Whether the link to the NMS will be lost where the robot wants to go; rule b then applies at once."""
         return False
 
     def lasting(self, node: int) -> bool:  # noqa: ARG002  # what a policy may want to know
-        """Whether the link to a neighbor, if adopted, lasts where the robot wants to go."""
+        """Whether the link to a neighbor will hold where the robot wants to go."""
         return True
 
     def within(self, node: int, limit_m: float) -> bool:  # noqa: ARG002
-        """Whether a neighbor that is within `limit_m` by its power is so by all else that is known."""
+        """Whether a neighbor that is within `limit_m` by its power is also within it by all else that is known."""
         return True

@@ -8,7 +8,7 @@ is sticky: only the present NMS refreshes it, and only three rules change the NM
                           one [paper 3.4]. A descendant's number never can, so no loop arises.
     c. shortening         adopt a near neighbor whose number is at least ours and that saves a hop [paper 3.5]
 
-How good a link is, `links` says: by received power, or as a policy knows better (link_quality.py).
+`links` says how good a link is: by received power, or as a policy knows better (link_quality.py).
 
 Each change raises the entry's freshness (agents/forwarding_table.py); the proof of freedom from loops needs no more
 [paper 3.6].

@@ -1,7 +1,7 @@
-"""Links as a robot's own map predicts them: every wall in between makes a neighbor seem farther away (policy scout).
+"""Links as a robot's own map predicts them: every wall in between makes a neighbor seem farther away (docs/scout.md).
 
-p(x, y), the distance at which y will seem from x: metres times `wall_factor` for each run of cells between them that
-the own map does not know to be free. Others are taken to stand where they were last heard.
+p(x, y) is the distance at which y will seem to be when heard from x: metres times `wall_factor` for each run of cells
+in between that the own map does not know to be free. Other robots are taken to stand where they were last heard to be.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ class PredictedLinks(LinkQuality):
     """The links of one robot, by received power and by its map."""
 
     def __init__(self, body: Body, *, predict: bool) -> None:
-        """`predict`: False leaves the route to the MS to received power."""
+        """`predict`: False means that the route to the MS follows received power alone."""
         super().__init__(body.router.neighbors, body.router.ms.r_in_m)
         self._body = body
         self._wall_factor = body.config.wall_factor
         self._predicts = predict and self._wall_factor > 1.0
         self.held_from: Place | None = None
-        """Where the robot wants to go, which would lose its NMS; None if nothing holds it."""
+        """Where the robot would go if that did not lose its NMS; None while B does not stop it."""
 
     def predicted_m(self, place: Place, node: int) -> float:
-        """p: how far a node will seem from a place."""
+        """p: how far away a node will seem from a place."""
         other = self._body.router.table.location_m(node)
         metres = math.dist(place, other)
         if self._wall_factor == 1.0:
@@ -37,11 +37,11 @@ class PredictedLinks(LinkQuality):
         return metres * self._wall_factor**walls if walls else metres
 
     def weak(self, nms: int, tick: int) -> bool:
-        """By power, or by what the map says of the walls in between."""
+        """Whether the link to the NMS is weak, by power or by the walls in between."""
         return super().weak(nms, tick) or not self.within(nms, self.reach_m)
 
     def leaving(self) -> bool:
-        """Whether the robot stands because a step on would lose its NMS."""
+        """Whether the robot stands because its next step would lose the NMS (B)."""
         return self.held_from is not None
 
     def lasting(self, node: int) -> bool:

@@ -1,8 +1,8 @@
 """Who may log in, and who may put or receive on which key: users, passwords, and the router's access rules.
 
-Default deny. The rules follow from the table in `bus.keys`, so a key without a row there reaches nobody. This
-guards against mistakes and against strangers on the network, not against hostile processes of the same user of
-the operating system, who could read this memory anyway.
+The rules deny by default. They follow from the list in `bus.keys`, so a key without a row there reaches nobody. They
+guard against mistakes and against strangers on the network, not against hostile processes of the same user of the
+operating system, which could read this memory anyway.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bus.keys import ANY, TABLE, Keys
+from bus.keys import ANY, ROWS, Keys
 from bus.nodes import node_of_user, user_name
 
 __all__ = ["Login", "credentials", "dictionary", "router_config", "rules", "users_of"]
@@ -26,7 +26,7 @@ class Login:
 
     run: str
     endpoint: str
-    """Zenoh endpoint of the router, such as tcp/127.0.0.1:7447, or `bus.session.local_endpoint`'s."""
+    """Zenoh endpoint of the router, such as tcp/127.0.0.1:7447 or a local one (`bus.session.local_endpoint`)."""
     user: str
     """world, medium, station, operator, robot-1, robot-2, ..."""
     password: str = field(repr=False)
@@ -39,7 +39,7 @@ def credentials(run: str, endpoint: str, robots: int) -> dict[str, Login]:
 
 
 def users_of(logins: Mapping[str, Login]) -> dict[str, str]:
-    """Passwords by user: what the host of the router must know."""
+    """Passwords by user, for the host of the router."""
     return {name: login.password for name, login in logins.items()}
 
 
@@ -51,9 +51,9 @@ def dictionary(users: Mapping[str, str]) -> str:
 def rules(run: str, users: Iterable[str]) -> dict[str, Any]:
     """Zenoh's `access_control` section for a run.
 
-    A put or a token passes the router twice: in from the sender (ingress), out to the receiver (egress). A
-    declared publisher sends nothing before the router has told it of a subscriber, and a liveliness subscriber
-    sees nothing without its answer, so both need the declarations of the other side on egress.
+    A put or a token passes the router twice: in from the sender (ingress), out to the receiver (egress). A declared
+    publisher sends nothing before the router has told it of a subscriber. A liveliness subscriber sees nothing without
+    the router's answer. So both need the declarations of the other side on egress.
     """
     keys = Keys(run)
     permits: list[dict[str, Any]] = []
@@ -94,9 +94,9 @@ def _permits(keys: Keys, user: str) -> Iterable[dict[str, Any]]:
     role = "robot" if node else user
     parties = {role, "node"} if node is not None else {role}
     allowed: dict[tuple[str, str], list[str]] = {}
-    for name, row in TABLE.items():
+    for name, row in ROWS.items():
         if parties & set(row.senders):
-            # World and medium send to every node; their own tokens carry node 0.
+            # World and medium send to every node. Their own tokens carry node 0.
             own: object = node if node is not None else 0 if row.kind == "token" else ANY
             _add(allowed, _SENDS[row.kind], keys.key(name, node=own, process=user), keys.key(name))
         if parties & set(row.receivers):
@@ -117,7 +117,7 @@ def _add(allowed: dict[tuple[str, str], list[str]], grants: Iterable[tuple[str, 
     for flow, message in grants:
         allowed.setdefault((flow, message), []).append(own)
         if flow == "egress" and message.startswith("declare_"):
-            # A declaration goes out as it was made: it names the other side's key, wildcards and all.
+            # A declaration leaves the router as it was made: with the other side's key, wildcards included.
             allowed[flow, message].append(wide)
 
 
@@ -139,7 +139,7 @@ def host_config(run: str, endpoint: str, users: Iterable[str], dictionary_file: 
         "transport": {
             "shared_memory": {"enabled": False},
             "unicast": {"lowlatency": True, "qos": {"enabled": False}},
-            # Room for what a fleet of hundreds tells its watchers at once; one batch is 64 kB.
+            # Room for what a fleet of hundreds sends its watchers at once; one batch is 64 kB.
             "link": {"tx": {"queue": {"size": {"data": 16}}}},
             "auth": {"usrpwd": {"dictionary_file": str(dictionary_file)}},
         },

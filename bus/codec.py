@@ -1,9 +1,8 @@
 """Wire form of every message: msgpack, with numpy columns as raw little-endian bytes.
 
-What everybody sends in every tick has a fixed head instead (`struct.Struct`), at a fifth of the price. The dtype of a
-column is fixed by the message that holds it, never by the sender. Whatever arrives malformed raises `WireError` here,
-so nothing malformed reaches a core: a bad message of a peer is data, not an exception of ours (ARCHITECTURE.md,
-invariant 5).
+Messages of every tick have a fixed head instead (`struct.Struct`), at a fifth of the cost. The message that holds a
+column fixes its dtype, never the sender. A malformed message raises `WireError` here, so it never reaches a core: a
+peer's bad message is data, not an exception of ours (ARCHITECTURE.md, invariant 5).
 
 **How message classes are written.** What is made in every tick is a `@dataclass(slots=True, init=False)` with a
 constructor written by hand: the one that `dataclass` writes is never compiled by mypyc, and takes 0.15 us where one by
@@ -24,15 +23,15 @@ from numpy.typing import NDArray
 __all__ = ["WireError", "all_finite", "boolean", "column", "finite", "head", "integer", "pack", "text", "unpack"]
 
 _pack: Final = msgpack.Packer().pack
-"""`msgpack.packb` makes a packer for every message, which costs as much as the packing."""
+"""One packer for all messages: `msgpack.packb` makes one for each, which costs as much as the packing."""
 
 
 class WireError(ValueError):
-    """A message that does not have the form its key or kind promises."""
+    """A message without the form that its key or kind promises."""
 
 
 def pack(fields: tuple[Any, ...]) -> bytes:
-    """Pack the fields of one message; arrays must already be raw bytes (`ndarray.tobytes`)."""
+    """Pack the fields of one message. Arrays must be raw bytes already (`ndarray.tobytes`)."""
     packed: bytes = _pack(fields)
     return packed
 
@@ -55,7 +54,7 @@ def unpack(data: Any, length: int) -> list[Any]:
 
 
 def head(layout: struct.Struct, data: Any) -> tuple[Any, ...]:
-    """Unpack the fixed head of a message; what follows it begins at `layout.size`.
+    """Unpack the fixed head of a message. The rest of the message begins at `layout.size`.
 
     Raises:
         WireError: the data is not bytes, or too short.
@@ -80,7 +79,7 @@ def column(raw: Any, dtype: np.dtype[Any], length: int | None = None) -> NDArray
 
 
 def all_finite(values: NDArray[np.float64]) -> bool:
-    """Whether no value is infinite or NaN: `np.isfinite(values).all()` at a third of its price for a short column."""
+    """Whether no value is infinite or NaN; for short columns three times as fast as `np.isfinite(values).all()`."""
     return b"\0" not in np.isfinite(values).tobytes()
 
 

@@ -12,7 +12,7 @@ __all__ = ["parse", "parser"]
 
 
 def parser(program: str, description: str) -> argparse.ArgumentParser:
-    """A parser with what every process needs."""
+    """A parser with the options that every process needs."""
     made = argparse.ArgumentParser(prog=f"python -m {program}", description=description)
     made.add_argument("--credentials", type=Path, required=True, metavar="FILE", help="login and configuration (JSON)")
     made.add_argument("--connect", metavar="ENDPOINT", help="the router, such as tcp/HOST:7447, if not the file's")
@@ -22,10 +22,10 @@ def parser(program: str, description: str) -> argparse.ArgumentParser:
 def parse(
     made: argparse.ArgumentParser, arguments: list[str] | None, **hints: Any
 ) -> tuple[argparse.Namespace, Handover]:
-    """Parse, read the credentials file and build its entries; bad input ends the process with status 2 and one line.
+    """Parse, read the credentials file and build its entries. Bad input ends the process with status 2 and one line.
 
     Args:
-        made: a parser from `parser`, with the process's own options added.
+        made: from `parser`, with the process's own options added.
         arguments: the command line; None = this process's.
         hints: type of each entry that the process needs.
     """

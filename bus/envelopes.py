@@ -1,8 +1,8 @@
-"""What travels together in a tick, still packed: each party opens its own part and passes the other's on unread.
+"""Envelopes: messages that travel together in a tick, still packed. Each party opens its own part and no other.
 
-A message costs far more than its bytes, so a node gets one and sends one in a tick. The world hands everybody's sense
-to the medium, which adds the inbox; and a node's frames and motion go to the medium as one, which passes the motions of
-a tick on together. So neither can come without the other: who has moved has also spoken.
+A message costs far more than its bytes, so a node gets one and sends one in a tick. The world hands the senses of all
+nodes to the medium, which adds the inbox of each. A node's frames and motion go to the medium as one message, and the
+medium passes the motions of a tick on together. So no motion arrives without its frames.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Opening:
     """World -> medium: a tick begins."""
 
     positions: bytes
-    """Who takes part, and where they are."""
+    """`Positions`: the nodes that take part, and where they are."""
     senses: Sequence[tuple[int, bytes]]
-    """By node, each behind a header that says for which process it is (`bus.lockstep.seal`)."""
+    """(node, `Sense`), each behind a header that names the process that it is for (`bus.lockstep.seal`)."""
 
     def __init__(self, positions: bytes, senses: Sequence[tuple[int, bytes]]) -> None:
         self.positions = positions
@@ -73,12 +73,12 @@ class Opening:
 
 @dataclass(slots=True, init=False)
 class Turn:
-    """Medium -> node: it is its turn."""
+    """Medium -> node: the node's turn begins."""
 
     sense: bytes
-    """As the world sealed it."""
+    """With the header that the world put before it."""
     inbox: bytes
-    """Empty if nothing was to be heard: the node takes part for the first time."""
+    """Empty at the first tick of a node, which has no inbox."""
 
     def __init__(self, sense: bytes, inbox: bytes) -> None:
         self.sense = sense
@@ -98,7 +98,7 @@ class Turn:
 
 @dataclass(slots=True, init=False)
 class Answer:
-    """Node -> medium: what it says and does in a tick. The parts repeat the tick, and must agree with it."""
+    """Node -> medium: the frames and the motion of a tick. Both parts repeat the tick and must agree with it."""
 
     tick: int
     transmission: bytes
@@ -123,14 +123,14 @@ class Answer:
 
 @dataclass(slots=True, init=False)
 class Moves:
-    """Medium -> world: what nodes answered, in the order in which it came in."""
+    """Medium -> world: the motions of nodes, in the order in which they came in."""
 
     answers: Sequence[tuple[int, int, int, bytes]]
     """(node, incarnation of the token of its process, tick, motion)"""
     complete: int
-    """The tick that these answers complete: the medium waits for nobody any more, and what comes later is too late."""
+    """The tick that these answers complete, or NO_TICK. The medium waits for no more; later ones are too late."""
     counted: Sequence[int]
-    """Nodes whose transmission counts in that tick: all of the roster unless one departed during it."""
+    """Nodes whose transmission counts in that tick: all of the roster, unless one departed during the tick."""
 
     def __init__(
         self, answers: Sequence[tuple[int, int, int, bytes]], complete: int = NO_TICK, counted: Sequence[int] = ()

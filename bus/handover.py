@@ -1,7 +1,7 @@
 """The file that a process started by hand reads: its login and its configuration, as JSON.
 
-`{"login": {"run", "endpoint", "user", "password"}, "config": {...}, ...}`: a configuration is a dataclass, whose
-fields stand under their names, arrays as (nested) lists. The file holds a password, so only its owner may read it.
+`{"login": {"run", "endpoint", "user", "password"}, "config": {...}, ...}`. A configuration is a dataclass: its fields
+stand under their names, an array as its shape and its values. The file holds a password, so only its owner may read it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ C = TypeVar("C")
 
 @dataclasses.dataclass(frozen=True)
 class Handover:
-    """What such a file holds: a login, and further entries that `build` turns into what they were."""
+    """Contents of such a file: a login, and further entries in JSON types, which `build` turns back."""
 
     login: Login
     entries: dict[str, Any]
 
 
 def write(path: Path, login: Login, **entries: Any) -> None:
-    """Write a file for one process; each entry is a dataclass, or of JSON types, or None."""
+    """Write the file for one process. Each entry is a dataclass, of JSON types, or None."""
     path.touch(mode=0o600)
     path.chmod(0o600)
     path.write_text(json.dumps({"login": plain(login)} | {name: plain(entry) for name, entry in entries.items()}))
@@ -41,7 +41,7 @@ def read(path: Path, *, connect: str | None = None) -> Handover:
     """Read such a file; `connect` replaces the router's endpoint.
 
     Raises:
-        ValueError: it is missing or is no such file; the words are fit for a user.
+        ValueError: the file is missing or is no such file; the message is fit for a user.
     """
     try:
         content = json.loads(path.read_text())
@@ -58,7 +58,7 @@ def plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
-        # The shape of an empty array would be lost in a list.
+        # A list would lose the shape of an empty array.
         return {"shape": list(value.shape), "values": value.ravel().tolist()}
     if isinstance(value, (tuple, list)):
         return [plain(item) for item in value]
@@ -68,7 +68,7 @@ def plain(value: Any) -> Any:
 
 
 def build(hint: Any, value: Any) -> Any:
-    """What `plain` made of a value of type `hint`, back again.
+    """The value of type `hint` from which `plain` made `value`.
 
     Raises:
         ValueError, TypeError, KeyError: the value does not fit.

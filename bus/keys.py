@@ -1,7 +1,7 @@
-"""Every key expression of a run, and who puts and who receives on it, in one table.
+"""Every key expression of a run, and who puts and who receives on it, in one list.
 
-All keys stand under `vds/{run}/`. Robot ids are chunks of their own (`tx/4`, not `tx-4`). Simulation traffic is
-sealed behind the verbatim chunk `@sim`: a wildcard never matches it, so no `**` can overhear the truth (Zenoh key
+All keys stand under `vds/{run}/`. Robot ids are chunks of their own (`tx/4`, not `tx-4`). Simulation traffic stands
+under the verbatim chunk `@sim`. A wildcard never matches such a chunk, so no `**` can overhear the truth (Zenoh key
 expressions, "verbatim chunks").
 """
 
@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 from bus.codec import WireError
 
-__all__ = ["ANY", "TABLE", "Keys", "Row", "Token", "check_run"]
+__all__ = ["ANY", "ROWS", "Keys", "Row", "Token", "check_run"]
 
 ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
@@ -24,12 +24,12 @@ _INCARNATION: Final = re.compile("[0-9a-f]{8}")
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
-"""`node` is the station or a robot, on keys with {node} only that very node."""
+"""`node` is the station or a robot; on a key with {node} it is that node only."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One key: who puts (asks, is alive) and who receives (answers, watches)."""
+    """One key: who puts (or asks, or is alive) and who receives (or answers, or watches)."""
 
     pattern: str
     kind: Kind
@@ -37,7 +37,7 @@ class Row:
     receivers: tuple[Party, ...]
 
 
-TABLE: Final[Mapping[str, Row]] = MappingProxyType({
+ROWS: Final[Mapping[str, Row]] = MappingProxyType({
     "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
     "pong": Row("@sim/pong", "put", ("medium",), ("world",)),
@@ -57,7 +57,7 @@ TABLE: Final[Mapping[str, Row]] = MappingProxyType({
     "robot": Row("alive/robot/{node}/{incarnation}", "token", ("robot",), ("world", "medium", "operator")),
     "operator": Row("alive/operator/{node}/{incarnation}", "token", ("operator",), ("medium",)),
 })  # fmt: skip
-"""What each message is: the methods of `Keys`."""
+"""The methods of `Keys` say which message each key carries."""
 
 
 @dataclass(frozen=True)
@@ -66,16 +66,16 @@ class Token:
 
     role: str
     node: int
-    """Node id; 0 for all that are no robot."""
+    """Node id; 0 for every process that is no robot."""
     incarnation: int
-    """Random for each process start, so that a second process never shares a key with the first."""
+    """Random at each process start, so that no two processes share a key."""
 
 
 def check_run(run: str) -> str:
     """Check that a run's name can be one chunk of a key.
 
     Raises:
-        ValueError: it is empty or has a character that means something in a key expression.
+        ValueError: it is empty, or has a character with a meaning in key expressions.
     """
     if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() for c in run):
         raise ValueError(f"{run!r} can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @")
@@ -92,9 +92,9 @@ class Keys:
         check_run(self.run)
 
     def key(self, name: str, **chunks: object) -> str:
-        """Fill in the row `name` of TABLE; chunks that are not given are wildcards."""
+        """Fill in the row `name` of ROWS; chunks that are not given become wildcards."""
         fields = {"node": ANY, "process": ANY, "incarnation": ANY} | chunks
-        return f"vds/{self.run}/{TABLE[name].pattern.format(**fields)}"
+        return f"vds/{self.run}/{ROWS[name].pattern.format(**fields)}"
 
     def word(self, node: int | str) -> str:
         """World -> that node: `Stop` or a refusal, each behind a header (`bus.lockstep.seal`)."""
@@ -107,7 +107,7 @@ class Keys:
 
     @property
     def pong(self) -> str:
-        """Medium -> world: nothing, as the answer to a ping and to the stop."""
+        """Medium -> world: an empty message, the answer to a ping and to the stop."""
         return self.key("pong")
 
     def tx(self, node: int | str) -> str:
@@ -118,11 +118,11 @@ class Keys:
 
     @property
     def moved(self) -> str:
-        """Medium -> world: `Moves`, all that nodes answered since the last, and that a tick is complete."""
+        """Medium -> world: `Moves`, the motions since the last such message, and whether a tick is complete."""
         return self.key("moved")
 
     def rx(self, node: int | str) -> str:
-        """Medium -> that node: `Turn`, with a `Sense` of the world's and an `Inbox`."""
+        """Medium -> that node: `Turn`, with the `Sense` from the world and an `Inbox`."""
         return self.key("rx", node=node)
 
     def table(self, node: int | str) -> str:
@@ -130,7 +130,7 @@ class Keys:
         return self.key("table", node=node)
 
     def phases(self, process: str) -> str:
-        """Any process (by its user's name) -> launcher: `bus.phases.Phases` so far, outside the lockstep."""
+        """Any process (by its user) -> launcher: its `bus.phases.Phases` so far, outside the lockstep."""
         return self.key("phases", process=process)
 
     @property
@@ -167,7 +167,7 @@ class Keys:
 
     @staticmethod
     def kind_of(key: str) -> tuple[str, str]:
-        """(row of TABLE, node or process) of a key under `@sim`; the latter empty where the row has none."""
+        """(row, node or process) of a key under `@sim`; the latter empty where the row has none."""
         kind, _, rest = key.partition("/@sim/")[2].partition("/")
         return kind, rest
 
@@ -186,7 +186,7 @@ class Keys:
         """Read a liveliness key.
 
         Raises:
-            WireError: its last chunks, which the process behind it chooses, are no token's.
+            WireError: its last chunks, which that process has chosen, are not those of a token.
         """
         role, node, incarnation = key.split("/")[-3:]
         if not node.isdecimal() or not _INCARNATION.fullmatch(incarnation):

@@ -1,10 +1,11 @@
-"""Keeping step: what each side of a tick waits for, without clocks and without sockets.
+"""Keeping step: for whom each side of a tick waits, without clocks and without sockets.
 
-A tick is a barrier: everybody in its roster sends exactly one message, or departs. That is a synchronous dataflow
+A tick is a barrier: each node of its roster sends exactly one message, or departs. That is a synchronous dataflow
 network, so the order in which messages arrive cannot matter (Lee & Messerschmitt 1987).
 
-What the world says and what a node answers carries a header: what kind of message it is, and to or from which process
-of a node, since the old and the new process of a restarted robot share its keys.
+Messages of the world and answers of nodes carry a header: the kind of the message, and the process that it is for or
+from. The header is needed because the old and the new process of a restarted robot share its keys. To *seal* a message
+is to put the header before it.
 """
 
 from __future__ import annotations
@@ -26,25 +27,25 @@ _HEADER: Final = struct.Struct("<BI")
 
 
 class Kind(IntEnum):
-    """What follows a header."""
+    """Kind of the message behind a header."""
 
     DATA = 0
-    """The message that the key stands for."""
+    """The message that belongs to the key."""
     DEPARTED = 1
     """`Departed`, to the medium."""
     STOP = 2
-    """`Stop`, to everybody; the medium answers as to a ping."""
+    """`Stop`, to everybody. The medium answers as it does to a ping."""
     REFUSED = 3
-    """Nothing: another living process is this node."""
+    """Empty: another living process is this node already."""
     PING = 4
-    """Nothing, to the medium, which passes on what has come in and answers with nothing on its `pong` key."""
+    """Empty, to the medium, which passes on what has come in and then answers on its `pong` key."""
 
 
 _KINDS: Final = frozenset(map(int, Kind))
 
 
 def seal(kind: Kind, token: int, body: bytes = b"") -> bytes:
-    """Put a header before a message; `token` is the incarnation of a process's liveliness token, 0 for nobody's."""
+    """Put a header before a message. `token` is the incarnation of a process's liveliness token, 0 for no process."""
     return _HEADER.pack(kind, token) + body
 
 
@@ -63,12 +64,12 @@ def unseal(data: bytes) -> tuple[int, int, bytes]:
 
 
 def batch(messages: Sequence[bytes]) -> bytes:
-    """Several messages as one, for feeds outside the lockstep."""
+    """Pack several messages as one, for feeds outside the lockstep."""
     return msgpack.packb(messages)  # type: ignore[no-any-return]
 
 
 def unbatch(data: bytes) -> list[bytes]:
-    """The messages of a batch.
+    """Unpack a batch.
 
     Raises:
         WireError: it is not a batch.
@@ -83,7 +84,7 @@ def unbatch(data: bytes) -> list[bytes]:
 
 
 class Gather(Generic[T]):
-    """The barrier of one tick: one message of each node that has not departed."""
+    """The barrier of one tick: it collects one message from each node that has not departed."""
 
     __slots__ = ("_messages", "_nodes", "last", "missing", "tick")
 
@@ -91,17 +92,17 @@ class Gather(Generic[T]):
         self.tick = tick
         self._nodes = frozenset(nodes)
         self.missing = set(self._nodes)
-        """Whom it waits for."""
+        """Nodes that it waits for."""
         self._messages: dict[int, T] = {}
         self.last: int | None = None
-        """Who was waited for last."""
+        """Node whose message came last."""
 
     def __contains__(self, node: int) -> bool:
         """Whether `node` is in the roster of this tick."""
         return node in self._nodes
 
     def add(self, node: int, message: T) -> bool:
-        """Take a node's message; False if none is wanted of it (any more)."""
+        """Take a node's message; False if the tick does not wait for that node (any more)."""
         if node not in self.missing:
             return False
         self.missing.remove(node)
@@ -110,24 +111,24 @@ class Gather(Generic[T]):
         return True
 
     def depart(self, node: int) -> None:
-        """Wait for `node` no longer; a message that it already sent stays."""
+        """Wait for `node` no longer. A message that it has sent already stays."""
         self.missing.discard(node)
 
     def keep(self, node: int, message: T) -> None:
-        """Take the message of a node that has departed, if others may have counted it."""
+        """Take the message of a node that has departed, in case the medium has counted it."""
         self._messages.setdefault(node, message)
 
     @property
     def messages(self) -> dict[int, T]:
-        """By node, ascending, whatever the order of arrival."""
+        """By node, ascending, in whatever order they arrived."""
         return dict(sorted(self._messages.items()))
 
 
 class Patience:
-    """How long a tick has waited for a silent node, counted so that nobody pays for a suspended host.
+    """How long a tick has waited for a silent node. A suspended host costs no node its place.
 
-    Wall time is counted in slices; a slice that took much longer than planned (the host was suspended, or the waiting
-    process itself got no processor) counts as one slice.
+    Wall time is counted in slices. A slice that took much longer than planned counts as one slice: the host was
+    suspended, or the waiting process itself got no processor.
     """
 
     SLICE_S: Final = 0.1
@@ -145,5 +146,5 @@ class Patience:
         return self.waited_s
 
     def excuse(self, now_s: float) -> None:
-        """Let the time since the last call not count."""
+        """Leave the time since the last call out."""
         self._since_s = now_s

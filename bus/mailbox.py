@@ -1,7 +1,7 @@
-"""Messages on their way out of a session and in, whole: what is longer than a link takes at once travels in parts.
+"""Messages of any length: a message that is longer than a link can take travels in parts.
 
-Zenoh's low-latency links lose a message of more than about 48 kB, for they have no fragments. A part tells by its
-attachment to which message it belongs, and which part it is. It may have been dropped on the way; then the message is.
+Zenoh's low-latency links lose messages of more than about 48 kB, since they do not fragment. The attachment of a part
+tells to which message it belongs, and which part it is. If a part is dropped on the way, the message is dropped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
 
 Put = Callable[[bytes], None]
 Message = tuple[str, bytes | None]
-"""(key, payload); None as the payload says that the token of that key is gone."""
+"""(key, payload). A payload of None means that the token of that key is gone."""
 
 PART_BYTES: Final = 32_000
 """Two of them fit a batch of an ordinary link."""
@@ -28,7 +28,7 @@ _MARK: Final = struct.Struct("<III")
 
 
 def in_parts(put: Callable[..., None]) -> Put:
-    """A way to put messages of any length with Zenoh's `put`."""
+    """A function that puts messages of any length by Zenoh's `put`."""
 
     def send(data: bytes) -> None:
         if len(data) <= PART_BYTES:
@@ -48,9 +48,9 @@ class Mailbox:
     def __init__(self) -> None:
         self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._begun: dict[str, dict[int, list[bytes]]] = {}
-        """By key and message: the parts that are there."""
+        """By key and message: the parts that have arrived."""
         self.put = self._samples.put
-        """Puts a `Message` from this process, or one of Zenoh's samples."""
+        """Puts a `Message` of this process, or a sample of Zenoh's."""
 
     def get(self, timeout_s: float) -> Message | None:
         """The next message, or None if nothing came within `timeout_s` (wall time)."""
@@ -68,13 +68,13 @@ class Mailbox:
                 return key, whole
 
     def _joined(self, key: str, mark: bytes, data: bytes) -> bytes | None:
-        """The message, if this was the last part of it."""
+        """The whole message if this was its last part, else None."""
         if len(mark) != _MARK.size:
-            return data  # of no process of ours: let its decoder refuse it
+            return data  # not from a process of ours: its decoder will refuse it
         message, part, parts = _MARK.unpack(mark)
         begun = self._begun.setdefault(key, {})
         if part == 0 and parts <= _MOST_PARTS:
-            if len(begun) == _SENDERS:  # the older one will not be finished any more
+            if len(begun) == _SENDERS:  # the older message will never be complete
                 del begun[next(iter(begun))]
             begun[message] = []
         got = begun.get(message)

@@ -1,4 +1,4 @@
-"""How many messages were malformed: data, not an exception of ours (ARCHITECTURE.md, invariant 5)."""
+"""The count of malformed messages: they are data, not exceptions of ours (ARCHITECTURE.md, invariant 5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ log = logging.getLogger(__name__)
 
 
 class Malformed:
-    """Counts dropped messages of one process; the first one is logged."""
+    """Counts the malformed messages that one process dropped, and logs the first one."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,7 +1,7 @@
-"""A node's side of the lockstep: a robot and the station keep step with the same few lines.
+"""A node's side of the lockstep, for robots and the station alike.
 
-A turn begins when its message is there: the sense of a tick and, unless that is the node's first, the inbox of the same
-tick. Turns of another process of this node are left behind.
+A turn begins when its message arrives: the sense of a tick and, except at the node's first tick, the inbox of the same
+tick. Turns for another process of this node are ignored.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ __all__ = [
 ]  # fmt: skip
 
 END: Final = ("", None)
-"""A message to oneself: end in good order (put by a handler of SIGTERM)."""
+"""A message that the handler of SIGTERM puts: end in good order."""
 
 LOST_STATUS: Final = 3
 """Exit status of a process that lost the world, the medium or the router."""
 
 REFUSED_STATUS: Final = 4
-"""Exit status of a process whose node is already there."""
+"""Exit status of a process whose node has a living process already."""
 
 _POLL_S: Final = 0.5
 LATE_STOP_S: Final = 2.0
-"""A world's last word may come in so much later than the end of its token, which may overtake all else."""
+"""The world's last message may arrive this much after the end of its token, which may overtake it."""
 
 _NOBODY_S: Final = 60.0
 
@@ -48,12 +48,12 @@ class LostError(BusError):
 
 
 class RefusedError(BusError):
-    """Another living process is this node."""
+    """Another living process is this node already."""
 
 
 @contextlib.contextmanager
 def exit_status() -> Iterator[None]:
-    """Turn what ends a process against its will into a last line of its log and an exit status.
+    """Turn a `BusError` into the last line of the process's log and an exit status.
 
     Raises:
         SystemExit: with REFUSED_STATUS, or with LOST_STATUS for any other trouble with the bus.
@@ -83,10 +83,10 @@ I = TypeVar("I", bound=_Inbox)  # noqa: E741  # reads as "inbox" beside S for "s
 
 
 class Watch:
-    """Whether the processes that everybody depends on are still there."""
+    """Whether the processes that every process depends on are still there."""
 
     def __init__(self, session: Session, mailbox: Mailbox, *roles: str) -> None:
-        """Watch the tokens of `roles`; they arrive in `mailbox` and are to be handed to `see`."""
+        """Watch the tokens of `roles`. They arrive in `mailbox`, and the caller hands them to `see`."""
         self._session = session
         self._tokens: dict[str, set[str]] = {role: set() for role in roles}
         self._seen: set[str] = set()
@@ -105,7 +105,7 @@ class Watch:
         return role if role in self._seen and not held else None
 
     def check(self) -> str | None:
-        """What is missing, to be asked whenever nothing has arrived for a while."""
+        """What is missing, or None. The caller asks whenever nothing has arrived for a while."""
         if not self._session.connected():
             return "router"
         absent = [role for role in self._tokens if role not in self._seen]
@@ -119,7 +119,7 @@ def _nothing() -> None:
 
 
 class Member(Generic[S, I]):
-    """One process of a node."""
+    """One process of a node, as it takes part in the ticks."""
 
     def __init__(
         self,
@@ -146,11 +146,11 @@ class Member(Generic[S, I]):
         self.malformed = Malformed()
         self.phases = Phases(time.perf_counter)
         self.over = False
-        """Whether the world has said that the run is over."""
+        """Whether the world has ended the run."""
         self.idle: Callable[[], None] = _nothing
         """Called whenever no message has come for a while."""
         self._joined = False
-        """Whether a turn has begun: what came before is no part of the ticks."""
+        """Whether the first turn has begun. Time before it belongs to no phase."""
         keys = self.session.keys
         self._decode_sense, self._decode_inbox = sense, inbox
         self._word_key, self._rx_key = keys.word(node), keys.rx(node)
@@ -160,11 +160,11 @@ class Member(Generic[S, I]):
         self._watch = Watch(self.session, self.mailbox, "world", "medium")
         self._token = new_token(role, node)
         self._turn: tuple[S, I | None] | None = None
-        # The token comes last: who sees it may count on everything else.
+        # The token comes last: a process that sees it may rely on the subscriptions.
         self.session.declare(self._token)
 
     def turn(self) -> tuple[S, I | None] | None:
-        """Wait for the next tick: its sense and its inbox (None at a first tick); None when the run is over.
+        """Wait for the next tick; returns its sense and its inbox (None at a first tick), or None when the run is over.
 
         Raises:
             LostError: the world, the medium or the router is gone.
@@ -221,7 +221,7 @@ class Member(Generic[S, I]):
         self._turn = sense, inbox
 
     def _told(self, data: bytes) -> bool:
-        """Whether the world says that the run is over."""
+        """Take a message of the world; True if it ends the run."""
         kind, token, _ = unseal(data)
         if kind == Kind.REFUSED and token == self._token.incarnation:
             raise RefusedError(f"refused: another living process is already {node_name(self._token.node)}")
@@ -244,6 +244,6 @@ class Member(Generic[S, I]):
         raise LostError(f"{lost} is gone")
 
     def answer(self, tick: int, transmission: bytes, motion: bytes) -> None:
-        """End the turn."""
+        """Send the answer that ends the turn."""
         self._put_tx(seal(Kind.DATA, self._token.incarnation, Answer(tick, transmission, motion).encode()))
         self.phases.mark("encode")

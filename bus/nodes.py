@@ -39,12 +39,12 @@ def process_name(node: int) -> str:
 
 
 def user_name(node: int) -> str:
-    """User as whom a node logs in; a `/` would be two chunks of a key."""
+    """Name under which a node logs in. It is a chunk of keys, so it has no `/`."""
     return _named(node, "-")
 
 
 def node_of_user(user: str) -> int | None:
-    """The node that logs in as `user`; None if it is no node's (world, medium, operator)."""
+    """The node that logs in as `user`; None for a user that is no node (world, medium, operator)."""
     if user == "station":
         return STATION
     return int(user.removeprefix("robot-")) if user.startswith("robot-") else None

@@ -1,7 +1,7 @@
 """Where the time of one process goes, by phase of its ticks: waiting, decode, routing, mapping, planning, encode, ...
 
-A mark ends a phase: the time since the mark before it is counted for that phase. The cores mark without knowing of a
-clock: it is the shell that hands them a stopwatch, and a core without one marks nothing.
+A mark ends a phase: the time since the mark before it counts for that phase. Cores know no clock. The shell hands a
+core the function that marks; the default one does nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ REPORT_TICKS: Final = 100
 
 
 def unmarked(phase: str) -> None:
-    """The mark of a core that nobody measures."""
+    """The mark of a core that is not measured."""
 
 
 class Phases:
@@ -31,17 +31,17 @@ class Phases:
     __slots__ = ("_last_s", "_now_s", "spent_s")
 
     def __init__(self, now_s: Callable[[], float]) -> None:
-        """Start with the clock to read at every mark."""
+        """`now_s`: the clock to read at every mark."""
         self._now_s = now_s
         self._last_s = now_s()
         self.spent_s: dict[str, float] = {}
 
     def skip(self) -> None:
-        """What happened since the last mark is no part of a tick."""
+        """Leave out the time since the last mark: it belongs to no tick."""
         self._last_s = self._now_s()
 
     def mark(self, phase: str) -> None:
-        """A phase is over."""
+        """End a phase."""
         now_s, spent_s = self._now_s(), self.spent_s
         spent_s[phase] = spent_s.get(phase, 0.0) + now_s - self._last_s
         self._last_s = now_s
@@ -51,10 +51,10 @@ class Phases:
 
 
 def decode_phases(data: bytes) -> dict[str, float]:
-    """What `Phases.encode` packed.
+    """Unpack what `Phases.encode` packed.
 
     Raises:
-        WireError: it is no map from text to numbers.
+        WireError: not a map from text to numbers.
     """
     try:
         raw: Any = msgpack.unpackb(data)

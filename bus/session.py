@@ -1,10 +1,10 @@
 """A process's connection to the run: the only module that imports Zenoh.
 
-One process hosts the router (`Session.host`), the others log in to it (`Session.connect`). Endpoints are explicit,
+One process hosts the router (`Session.host`), the others log in to it (`Session.connect`). Endpoints are explicit;
 scouting and gossip are off. Never fork with a session open: Zenoh's threads do not survive a fork.
 
-Samples go from Zenoh's own thread straight into a queue and are decoded by the thread that takes them out: with
-`indirect=False` and a C function as callback, no Python code runs in between.
+Samples go from Zenoh's own thread straight into a queue, and the thread that takes them out decodes them. With
+`indirect=False` and a C function as callback no Python code runs in between.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _OPEN_TIMEOUT_S: Final = 20.0
 _SOCKET_ROBOTS: Final = 20
 
 _CLIENT_THREADS: Final = "(rx: (handover: app), app: (worker_threads: 1))"
-"""Zenoh's own setting. A client reads one socket: that who waits for it also reads it spares a switch between threads
-for every message."""
+"""Zenoh's runtime of a client, which reads one socket. The thread that waits for the socket also reads it, which saves
+a switch between threads for every message."""
 
 _ROUTER_THREADS: Final = "(rx: (worker_threads: 2))"
-"""Zenoh's default: one reader may wait for a receiver that is slow while the other goes on."""
+"""Zenoh's runtime of the router, its default: one reader goes on while the other waits for a slow receiver."""
 
 
 class BusError(Exception):
@@ -57,10 +57,10 @@ def port_of(endpoint: str) -> int:
 
 
 def require_free(endpoint: str) -> None:
-    """Check that nobody listens on an endpoint yet.
+    """Check that no process listens on an endpoint yet.
 
     Raises:
-        BusError: its port is in use, or its address is not one of this machine.
+        BusError: its port is in use, or its address does not belong to this machine.
     """
     port = port_of(endpoint)
     host = endpoint.removeprefix("tcp/").rpartition(":")[0].strip("[]")
@@ -74,24 +74,24 @@ def require_free(endpoint: str) -> None:
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
-    """An endpoint on a port that the system just found free."""
+    """An endpoint on a port that the system has just found free."""
     with socket.socket() as probe:
         probe.bind((host, 0))
         return f"tcp/{host}:{probe.getsockname()[1]}"
 
 
 def local_endpoint(folder: Path, robots: int) -> str:
-    """An endpoint for the processes of one machine: for few robots a socket in a folder that nobody else may enter.
+    """An endpoint for the processes of one machine: for few robots a socket in a folder that no other user may enter.
 
     A message costs the kernel less there than on a port of the loopback interface (nine processes: 4 to 8 %). But such
-    a socket holds 200 kB at most, and who is frozen may leave two turns in his, whose inboxes grow with the fleet's
-    square: whoever sends the next would wait. A port holds megabytes.
+    a socket holds 200 kB at most. A frozen process may leave two turns in it, whose inboxes grow with the square of the
+    fleet, and the sender of the next message would then wait. A port holds megabytes.
     """
     return f"unixsock-stream/{folder / 'router'}" if robots <= _SOCKET_ROBOTS else free_endpoint()
 
 
 def new_token(role: str, node: int = 0) -> Token:
-    """The token of a process that starts now."""
+    """The token of a process that is starting."""
     return Token(role, node, int.from_bytes(os.urandom(4), "big"))
 
 
@@ -109,10 +109,10 @@ class Session:
         """Log in to a router, which may still be starting.
 
         Args:
-            login: whose, and where.
-            watching: this session takes no part in the ticks. Of what is not `blocking` it misses what it is too slow
-                for, and delays nobody. To any other session the sender writes itself, without a queue and a thread
-                between (a sixth less processor time per tick), and waits when it is slow.
+            login: user, password and endpoint.
+            watching: this session takes no part in the ticks and delays nobody: it misses messages that are not
+                `blocking` when it is too slow for them. To any other session the sender writes itself, without a queue
+                and a thread in between (a sixth less processor time per tick), and it waits for a slow receiver.
             timeout_s: how long to try.
 
         Raises:
@@ -141,10 +141,10 @@ class Session:
     def host(cls, login: Login, users: Mapping[str, str]) -> Session:
         """Host the router at `login.endpoint` for `users` (passwords by user), and join it.
 
-        The password file that Zenoh wants exists only while the router opens.
+        Zenoh reads the passwords from a file, which exists only while the router opens.
 
         Raises:
-            BusError: the port is in use, or the endpoint is none.
+            BusError: the port is in use, or the endpoint is malformed.
         """
         if login.endpoint.startswith("tcp/"):
             require_free(login.endpoint)
@@ -161,8 +161,8 @@ class Session:
 
         Args:
             key: full key, no wildcards.
-            blocking: a lockstep message: goes out at once, and waits when the receiver is slow. Others are dropped
-                when a receiver that is only watching is slow.
+            blocking: a message of the lockstep, which goes out at once and waits for a slow receiver. Other messages
+                are dropped when a receiver that only watches is slow.
         """
         control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
         publisher = self._session.declare_publisher(key, congestion_control=control, express=blocking)
@@ -170,13 +170,13 @@ class Session:
         return in_parts(publisher.put)
 
     def subscribe(self, mailbox: Mailbox, *keys: str) -> None:
-        """Let everything put on `keys` (wildcards allowed) flow into a mailbox."""
+        """Let all messages on `keys` (wildcards allowed) flow into a mailbox."""
         for key in keys:
             handler = Callback(mailbox.put, indirect=False)
             self._kept.append(self._session.declare_subscriber(key, handler))
 
     def watch(self, mailbox: Mailbox, *keys: str) -> None:
-        """Let the coming and going of liveliness tokens flow into a mailbox, those already there first."""
+        """Let the coming and going of liveliness tokens flow into a mailbox, beginning with those that are there."""
 
         def report(sample: zenoh.Sample) -> None:
             mailbox.put((str(sample.key_expr), None if sample.kind == zenoh.SampleKind.DELETE else b""))
@@ -187,11 +187,11 @@ class Session:
             self._kept.append(liveliness.declare_subscriber(key, handler, history=True))
 
     def declare(self, token: Token) -> None:
-        """Show that this process is there: after all of its subscriptions."""
+        """Declare the token of this process. Do so after all of its subscriptions."""
         self._kept.append(self._session.liveliness().declare_token(self.keys.token(token)))
 
     def answer(self, key: str, reply: Callable[[str], str]) -> None:
-        """Answer every query on `key`; `reply` runs in a thread of Zenoh's and must be quick."""
+        """Answer every query on `key`. `reply` runs in a thread of Zenoh's and must be quick."""
 
         def respond(query: zenoh.Query) -> None:
             asked = query.payload
@@ -200,7 +200,7 @@ class Session:
         self._kept.append(self._session.declare_queryable(key, Callback(respond, indirect=False)))
 
     def ask(self, key: str, question: str, *, timeout_s: float = 5.0) -> str:
-        """Query one answerer.
+        """Send a query; returns the first answer.
 
         Raises:
             BusError: nobody answered within `timeout_s`.
@@ -211,7 +211,7 @@ class Session:
         raise BusError(f"no answer on {key} within {timeout_s:g} s")
 
     def connected(self) -> bool:
-        """Whether a client still has its router (a host has none and says False)."""
+        """Whether a client still has its router. False for a host, which has none."""
         return bool(self._session.info.routers_zid())
 
     def __enter__(self) -> Self:
@@ -221,7 +221,7 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """End the session; what was put before is sent first. Its token drops at once, whatever ends the process."""
+        """End the session after sending what was put before. Its token drops at once, whatever ends the process."""
         self._kept.clear()
         self._session.close()  # type: ignore[no-untyped-call]  # Zenoh leaves it unannotated
 
@@ -230,5 +230,5 @@ def _open(config: Mapping[str, Any], problem: str) -> zenoh.Session:
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
-        # Zenoh appends the place in its own source to its words.
+        # Zenoh appends the file and line of its own source to the message.
         raise BusError(f"{problem}: {str(error).partition(' at /')[0]}") from error

@@ -19,11 +19,9 @@ from setuptools.build_meta import (
     build_editable,
     build_sdist,
     build_wheel,
-    get_requires_for_build_sdist,
     prepare_metadata_for_build_editable,
     prepare_metadata_for_build_wheel,
 )
-from setuptools.build_meta import get_requires_for_build_wheel as wanted_by_setuptools
 
 __all__ = [
     "build_editable",
@@ -73,12 +71,12 @@ def prepare() -> None:
     os.environ["LDSHARED"] = f"{os.environ['CC']} -shared"
 
 
-def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """What setuptools wants, and a compiler where there is none."""
-    return wanted_by_setuptools(config_settings) + ([] if has_compiler() else [ZIG])
+def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:  # noqa: ARG001
+    """Besides what pyproject.toml lists: a compiler where there is none. setuptools would run setup.py to answer."""
+    return [] if has_compiler() else [ZIG]
 
 
-get_requires_for_build_editable = get_requires_for_build_wheel
+get_requires_for_build_editable = get_requires_for_build_sdist = get_requires_for_build_wheel
 
 
 if __name__ == "__main__":

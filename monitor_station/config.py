@@ -13,7 +13,7 @@ from world.grid import GridGeometry
 
 @dataclass(frozen=True)
 class SearchCell:
-    """A space whose reconnaissance is measured (paper, Fig. 5)."""
+    """A space whose reconnaissance is measured [paper 7.1, 8.1]."""
 
     name: str
     cells: NDArray[np.int64]

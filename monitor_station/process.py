@@ -25,6 +25,7 @@ from monitor_station.core import Station
 from world.feed import Event, unpack_feed
 from world.map_file import save_map
 from world.messages import Sense
+from world.seeds import node_stream
 from world.terms import STATION, Cls
 
 if TYPE_CHECKING:
@@ -132,7 +133,9 @@ class Shell:
 
     def _start(self, sense: Sense) -> Station:
         """The core; after a restart, with what its predecessor had acknowledged."""
-        station = Station(self._config, sense.incarnation, sense.tick)
+        node = self._config.node
+        rng = node_stream(node.seed, node.node, sense.incarnation)
+        station = Station(self._config, rng, sense.incarnation, sense.tick)
         path = self._out / JOURNAL
         whole = 0
         if sense.incarnation > 0 and path.exists():

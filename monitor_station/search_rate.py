@@ -1,4 +1,4 @@
-"""Search rate and search time per cell (paper, III): the share of its area that was scanned, and when that became 1."""
+"""Search rate and search time per cell [paper 7.1]: the share of its area that was scanned, and when it became 1."""
 
 from __future__ import annotations
 

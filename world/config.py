@@ -20,7 +20,7 @@ Verb = Literal["kill", "restart", "pause", "jam", "loss"]
 
 @dataclass(frozen=True)
 class Lidar:
-    """A lidar that looks all around (PROCEDURE, Terms)."""
+    """A lidar that looks all around [paper 7.3]."""
 
     range_m: Positive = 8.0
     beams: Annotated[int, Ge(8), Le(3600)] = 180

@@ -181,12 +181,12 @@ class Report:
     tick: int
     searched: bool
     search_rate: tuple[float, ...]
-    """Share of each search cell's area that is scanned, 0..1, in the scenario's order of cells (paper, III)."""
+    """Share of each search cell's area that is scanned, 0..1, in the scenario's order of cells [paper 7.1]."""
     merged: int
     """Scan reports merged so far, over all incarnations of the station."""
     victims_found: tuple[int, ...]
     silent: bool
-    """It sends nothing yet: its old routes shall die out first (PROCEDURE 2)."""
+    """It sends nothing yet, while its old routes die out [paper 2.10]."""
 
     def __init__(
         self,

@@ -12,7 +12,7 @@ __all__ = [
 ]  # fmt: skip
 
 TICK_S: Final = 0.1
-"""Simulated seconds of one tick (paper, III: ten forwarding-table updates per second)."""
+"""Simulated seconds of one tick: the paper's interval between forwarding-table updates [paper 1.5, 2.5]."""
 
 MAX_TICK: Final = 2**31 - 1
 
@@ -21,14 +21,14 @@ UNREACHABLE: Final = 255
 
 
 class Cls(IntEnum):
-    """Class of a robot (paper, II-A.2)."""
+    """Class of a robot [paper 4.1]."""
 
     SR = 0
     RR = 1
 
 
 class Mode(IntEnum):
-    """What a robot is doing: the branch of its behavior algorithm (paper, Fig. 3)."""
+    """What a robot is doing: the rule of its behavior algorithm that applies [paper 5.7]."""
 
     WALK = 0
     INNER = 1

@@ -17,6 +17,7 @@ from world.floor_plan import clearance, connected_parts, from_rectangles
 from world.geometry import line_of_sight, pad
 from world.grid import GridGeometry
 from world.map_file import digest_of_map, load_map
+from world.seeds import Stream, sequence
 from world.user_file import shown
 
 __all__ = ["Arena", "survey"]
@@ -28,8 +29,6 @@ CLEAR_M: Final = 1.0
 """Between a station that nobody placed and the walls, where there is so much room."""
 MOST_RANGE_CELLS: Final = 1000
 """The world and every robot keep tables of all cells within range of a lidar."""
-_STARTS, _VICTIMS = 100, 101
-"""Purposes of seeded generators; those of the processes are below."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +192,7 @@ def _cells(
 
 def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, station: Point) -> NDArray[np.float64]:
     """Seeded free places 1 to 3 m around the MS from where it can be seen."""
-    generator = _generator(tables.seed, _STARTS)
+    generator = sequence(tables.seed, Stream.STARTS)
     walls, wider = pad(occupied, geometry, math.ceil(START_MAX_M / geometry.resolution_m) + 1)
     starts: list[Point] = []
     for _ in range(200 * tables.robots + 2000):
@@ -219,7 +218,7 @@ def _spread(
         raise ScenarioError(
             f"station.start_radius_m = {radius_m:g}: only {len(places)} free cells there for {tables.robots} robots"
         )
-    chosen: NDArray[np.float64] = _generator(tables.seed, _STARTS).choice(places, tables.robots, replace=False)
+    chosen: NDArray[np.float64] = sequence(tables.seed, Stream.STARTS).choice(places, tables.robots, replace=False)
     return chosen
 
 
@@ -232,7 +231,7 @@ def _victims(
             raise ScenarioError(f"victims.positions_m[{i}] = {place[0]:g}, {place[1]:g} is inside a wall")
     if tables.victims.positions_m:
         return np.array(tables.victims.positions_m, np.float64)
-    generator = _generator(tables.seed, _VICTIMS)
+    generator = sequence(tables.seed, Stream.VICTIMS)
     count = tables.victims.per_cell
     places = []
     for cell in cells:
@@ -240,10 +239,6 @@ def _victims(
             raise ScenarioError(f"victims.per_cell = {count}: cell '{cell.name}' has only {len(cell.cells)} places")
         places.append(geometry.centers(generator.choice(cell.cells, count, replace=False)))
     return np.concatenate(places)
-
-
-def _generator(seed: int, purpose: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, purpose])))
 
 
 def _list(values: Rectangle) -> str:

@@ -107,12 +107,10 @@ def _with_faults(tables: Tables, more: Any) -> Tables:
 
 def _check(tables: Tables) -> None:
     """What no field can say alone."""
-    routing, retreat = tables.rules.routing, tables.rules.exploring
-    if not routing.r_in_share < routing.r_out_share <= 1:
-        shares = f"r_in_share = {routing.r_in_share:g}, r_out_share = {routing.r_out_share:g}"
-        raise ScenarioError(f"rules.routing: {shares}: needs r_in_share < r_out_share <= 1")
-    if retreat.retreat_min_s > retreat.retreat_max_s:
-        raise ScenarioError("rules.exploring: needs retreat_min_s <= retreat_max_s")
+    try:
+        tables.rules.check()
+    except ValueError as error:
+        raise ScenarioError(f"rules.{error}") from None
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import tomli_w
 
-from agents.config import RobotConfig
+from agents.config import POWER_SMOOTHING_S, RobotConfig
 from deploy.scenario.arena import Arena
 from deploy.scenario.tables import Tables
-from medium.config import MediumConfig, Radio
+from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import WorldConfig
 from world.faults import fault_form
@@ -22,9 +21,6 @@ from world.terms import STATION
 from world.user_file import shown
 
 __all__ = ["Scenario"]
-
-_SMOOTHING_S: Final = 1.0
-"""Over which robots average the power that they receive, where the radio is noisy."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +113,8 @@ class Scenario:
             tx_power_dbm=radio.tx_power_dbm,
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
-            power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
-            wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
+            power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
+            wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             policy=tables.policy,
             rules=tables.rules,
         )
@@ -148,17 +144,6 @@ class Scenario:
             raw["floor_plan"]["map_sha256"] = digest_of_map(Path(self.tables.floor_plan.map))
         text: str = tomli_w.dumps({key: value for key, value in raw.items() if value != []})
         return text
-
-
-def _wall_factor(radio: Radio, believed_db: float | None) -> float:
-    """How many times farther away one wall makes a node seem, as the robots believe."""
-    if radio.model == "disk":
-        return 1.0
-    if radio.model == "disk_los":
-        return math.inf
-    loss_db = radio.wall_loss_db if believed_db is None else believed_db
-    factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
-    return factor
 
 
 def _percent(share: float) -> str:

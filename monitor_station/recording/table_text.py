@@ -1,4 +1,4 @@
-"""A forwarding table as the paper prints it (Fig. 2), as a Markdown document."""
+"""A forwarding table with the columns of Fig. 2 [paper 2.4], as a Markdown document."""
 
 from __future__ import annotations
 

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.messages import MapChunk, ScanReport, Update
+from agents.policies import policy_class
 from agents.robot import Robot
+from agents.vds import Vds
 from bus.codec import pack
 from deploy.scenario import load
 from medium.messages import Inbox
@@ -60,7 +62,7 @@ def payload(rng: random.Random, tick: int, src: int) -> bytes:
 def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     rng = random.Random(seed)
     scenario = load("three_cells", {"policy": policy, "radio.model": "disk_los"})
-    robot = Robot(scenario.robot_config(1), 0, 0)
+    robot = Robot(scenario.robot_config(1), policy_class(policy), random.Random(seed), 0, 0)
     ranges = np.full(180, 5.0)
     for tick in range(LAST_TICK):
         heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(8), 3))]
@@ -81,7 +83,7 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     ],
 )
 def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int, nms: int, bad: int) -> None:
-    robot = Robot(load("three_cells").robot_config(1), 0, 0)
+    robot = Robot(load("three_cells").robot_config(1), Vds, random.Random(1), 0, 0)
     rows = ROW.pack(2, freshness_of(0, 0), bytes(18)) + ROW.pack(STATION, freshness, bytes(18))
     heard = (2, -60.0, Update(STATION, NOBODY, 0, rows, b"").encode())
     for tick in range(LAST_TICK):
@@ -95,7 +97,7 @@ def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int
 @given(seed=st.integers(0, 2**32))
 def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:
     rng = random.Random(seed)
-    station = Station(load("three_cells").station_config(), 0, 0)
+    station = Station(load("three_cells").station_config(), random.Random(1), 0, 0)
     for tick in range(LAST_TICK):
         heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(1, 8), 3))]
         frames, report = station.step(

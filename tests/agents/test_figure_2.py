@@ -1,4 +1,4 @@
-"""The paper's worked example: robot C's forwarding table (Fig. 2) and its choice of E (II-A.3).
+"""The paper's worked example: robot C's forwarding table (Fig. 2) and its choice of E [paper 2.4, 4.4].
 
 The rules are tested, not the geometry: row E of Fig. 2 is 2 hops via D, yet lies 179 units from D where every other
 link is 33 to 40 long, so its printed location is probably a misprint. As printed it still is the farthest SR.

@@ -1,4 +1,4 @@
-"""DSDV and the sticky route to the MS on random moving topologies (PROCEDURE 1 and 2)."""
+"""DSDV and the sticky route to the MS on random moving topologies [paper 2.6 to 3.6]."""
 
 from __future__ import annotations
 

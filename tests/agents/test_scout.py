@@ -1,4 +1,4 @@
-"""The rules of policy scout, each decision with its switch on and off (POLICY)."""
+"""The rules of policy scout (docs/scout.md), each decision with its switch on and off."""
 
 from __future__ import annotations
 

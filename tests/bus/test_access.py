@@ -18,7 +18,7 @@ import zenoh
 
 from bus.access import credentials, dictionary, router_config, rules, users_of
 from bus.codec import WireError
-from bus.keys import TABLE, Keys, check_run
+from bus.keys import ROWS, Keys, check_run
 from bus.session import BusError, Login, Mailbox, Session, free_endpoint, local_endpoint, new_token, require_free
 
 ROBOTS = 5
@@ -248,7 +248,7 @@ def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> No
     ]  # fmt: skip
     assert by_id["robot-1 egress put"] == ["vds/run/@sim/rx/1", "vds/run/@sim/word/1"]
     assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]
-    assert all(row.senders and row.receivers for row in TABLE.values())
+    assert all(row.senders and row.receivers for row in ROWS.values())
 
 
 def test_external_router_gets_the_same_rules() -> None:

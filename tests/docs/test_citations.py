@@ -1,4 +1,4 @@
-"""What sources and pages cite is there: numbered paragraphs of docs/paper.md, pages, and keys of a scenario."""
+"""What sources and pages cite is there: numbered paragraphs of docs/paper.md, pages, files, keys of a scenario."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ UNSEEN: Final = re.compile(
     r"|\bII-[A-C]\b"
 )
 PAGE: Final = re.compile(r"[\w./-]*\w\.md\b")
+FILE: Final = re.compile(rf"(?<![\w/])(?:{'|'.join(PACKAGES)})/(?:[\w/-]*/|[\w/-]+\.(?:css|py|pyx|toml)\b)")
 KEY: Final = re.compile(r"`rules\.(\w+)\.(\w+)(?: = [^`]*)?`")
 
 
@@ -79,6 +80,17 @@ def test_every_page_that_is_named_is_there() -> None:
         for path, text in texts()
         for named in PAGE.findall(text)
         if not any((folder / named).exists() for folder in (ROOT, ROOT / "docs", ROOT / path.parent))
+    ]
+    assert wrong == []
+
+
+def test_every_file_that_a_page_names_is_there() -> None:
+    wrong = [
+        f"{path}: {named}"
+        for path, text in texts()
+        if path.suffix == ".md" and path != Path("CHANGELOG.md")
+        for named in FILE.findall(text)
+        if not (ROOT / named).exists()
     ]
     assert wrong == []
 
