@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from world.grid import GridGeometry
 
-Positive = Annotated[float, Gt(0)]
-NotNegative = Annotated[float, Ge(0)]
+MOST: Final = 1e9
+"""No number of a scenario is larger, be it of seconds, metres or ticks: sums and products of them stay numbers."""
+Positive = Annotated[float, Gt(0), Le(MOST)]
+NotNegative = Annotated[float, Ge(0), Le(MOST)]
 Probability = Annotated[float, Ge(0), Le(1)]
 
 Verb = Literal["kill", "restart", "pause", "jam", "loss"]
@@ -24,7 +26,7 @@ class Lidar:
 
     range_m: Positive = 8.0
     beams: Annotated[int, Ge(8), Le(3600)] = 180
-    interval_ticks: Annotated[int, Ge(1)] = 5
+    interval_ticks: Annotated[int, Ge(1), Le(MOST)] = 5
     """A robot scans at its first tick and whenever (tick + node) is a multiple of this."""
     noise_m: NotNegative = 0.0
     """Standard deviation of a range."""
