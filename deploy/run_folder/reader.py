@@ -14,12 +14,19 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from deploy.json_file import read_table
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 
 __all__ = ["MapImage", "Run", "RunFilesError", "read_run"]
 
 _LARGEST_PIXELS: Final = 16_000_000
+_LONGEST_S: Final = 1e9
+_DAMAGE: Final = (
+    OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError, yaml.YAMLError,
+    Image.DecompressionBombError,
+)  # fmt: skip
+"""What reading a damaged map may lead to."""
 
 
 class RunFilesError(ValueError):
@@ -101,10 +108,10 @@ def _summary(path: Path) -> dict[str, Any]:
     if not path.exists():
         raise RunFilesError(f"{path}: not there: no run folder, or its run has not ended")
     try:
-        summary = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError):
-        raise RunFilesError(f"{path}: not JSON") from None
-    if not isinstance(summary, dict) or "status" not in summary:
+        summary = read_table(path)
+    except ValueError as error:
+        raise RunFilesError(str(error)) from None
+    if "status" not in summary:
         raise RunFilesError(f"{path}: not the summary of a run")
     return summary
 
@@ -143,9 +150,9 @@ def _events(path: Path) -> Iterator[dict[str, Any]]:
     for line in _text(path).splitlines():
         try:
             event = json.loads(line)
-        except (json.JSONDecodeError, RecursionError):
+        except (ValueError, RecursionError):
             continue
-        if isinstance(event, dict) and isinstance(event.get("at_s"), int | float):
+        if isinstance(event, dict) and isinstance(event.get("at_s"), int | float) and abs(event["at_s"]) < _LONGEST_S:
             yield event
 
 
@@ -177,6 +184,6 @@ def _map(path: Path) -> MapImage | None:
             pixels = np.asarray(image.convert("L"), np.uint8)
     except RunFilesError:
         raise
-    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError, Image.DecompressionBombError):
+    except _DAMAGE:
         raise RunFilesError(f"{path}: damaged, or its image is") from None
     return MapImage(pixels, resolution_m, x0_m, y0_m)

@@ -104,6 +104,7 @@ class Scenario:
             tx_power_dbm=radio.tx_power_dbm,
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
+            robots=tables.robots,
             power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
             wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
             policy=tables.policy,

@@ -91,13 +91,13 @@ class StationSpeaker(Speaker):
 def robot_process(node: int, login: Login, good: bool, log: str) -> None:
     _into(log)
     agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
-    agents.process.run(SimpleNamespace(node=node), login)  # type: ignore[arg-type]
+    agents.process.run(SimpleNamespace(node=node, lidar_beams=Lidar().beams, robots=9), login)  # type: ignore[arg-type]
 
 
 def station_process(login: Login, out: str, log: str) -> None:
     _into(log)
     monitor_station.process.Station = StationSpeaker  # type: ignore[attr-defined,misc,assignment]
-    config = SimpleNamespace(node=SimpleNamespace(geometry=GRID))
+    config = SimpleNamespace(node=SimpleNamespace(geometry=GRID, robots=9))
     monitor_station.process.run(config, login, None, Path(out))  # type: ignore[arg-type]
 
 
@@ -145,6 +145,7 @@ class SmallRun:
                 "top_speed_m_s": 0.5,
                 "duration_s": 1e6,
                 "lidar": Lidar(interval_ticks=10**6),
+                "cell_names": ("all",),
             }
             | config
         )
