@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le
 
@@ -16,6 +17,9 @@ Ticks = Annotated[int, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 KM_H = 1 / 3.6
+
+POWER_SMOOTHING_S: Final = 1.0
+"""Over which robots average the power that they receive, where shadowing makes it jump."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,22 @@ class Scouting:
     wall_loss_db: NotNegative | None = None
     """Loss per wall that the robots believe in; None: that of `[radio]`."""
 
+    def wall_factor(self, model: str, wall_loss_db: float, exponent: float) -> float:
+        """How many times farther away one wall makes a node seem, as the robots believe.
+
+        Args:
+            model: of the radio: disk, disk_los or log_distance.
+            wall_loss_db: what a wall costs by the radio's table.
+            exponent: of the path-loss curve.
+        """
+        if model == "disk":
+            return 1.0
+        if model == "disk_los":
+            return math.inf
+        loss_db = wall_loss_db if self.wall_loss_db is None else self.wall_loss_db
+        factor: float = 10.0 ** (loss_db / (10.0 * exponent))
+        return factor
+
 
 @dataclass(frozen=True)
 class Rules:
@@ -158,6 +178,19 @@ class Rules:
     exploring: Exploring = field(default_factory=Exploring)
     reporting: Reporting = field(default_factory=Reporting)
     scouting: Scouting = field(default_factory=Scouting)
+
+    def check(self) -> None:
+        """Check what no field can say alone.
+
+        Raises:
+            ValueError: one line that says what is wrong, the keys relative to the rules' table.
+        """
+        routing, exploring = self.routing, self.exploring
+        if not routing.r_in_share < routing.r_out_share <= 1:
+            shares = f"r_in_share = {routing.r_in_share:g}, r_out_share = {routing.r_out_share:g}"
+            raise ValueError(f"routing: {shares}: needs r_in_share < r_out_share <= 1")
+        if exploring.retreat_min_s > exploring.retreat_max_s:
+            raise ValueError("exploring: needs retreat_min_s <= retreat_max_s")
 
 
 @dataclass(frozen=True)

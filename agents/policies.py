@@ -1,4 +1,7 @@
-"""Policy classes by their name in a scenario: `vds`, `scout`, or `module:Class`."""
+"""Policy classes by their name in a scenario: `vds`, `scout`, or `module:Class`.
+
+For shells and scenarios: it imports what a user names. Cores are given the class.
+"""
 
 from __future__ import annotations
 

@@ -6,11 +6,13 @@ import functools
 import logging
 
 from agents.config import RobotConfig
+from agents.policies import policy_class
 from agents.robot import Robot
 from bus.member import Member, exit_status
 from bus.session import Login
 from medium.messages import Inbox, Transmission
 from world.messages import Sense
+from world.seeds import node_stream
 
 __all__ = ["run"]
 
@@ -30,6 +32,7 @@ def run(config: RobotConfig, login: Login) -> None:
 
 
 def _run(config: RobotConfig, login: Login) -> None:
+    policy = policy_class(config.policy)
     sense_of = functools.partial(Sense.decode, lidar_beams=config.lidar_beams)
     inbox_of = functools.partial(Inbox.decode, robots=config.robots)
     member = Member(login, "robot", config.node, sense_of, inbox_of)
@@ -39,7 +42,8 @@ def _run(config: RobotConfig, login: Login) -> None:
         while (turn := member.turn()) is not None:
             sense, inbox = turn
             if robot is None:
-                robot = Robot(config, sense.incarnation, sense.tick)
+                rng = node_stream(config.seed, config.node, sense.incarnation)
+                robot = Robot(config, policy, rng, sense.incarnation, sense.tick)
                 robot.mark = member.phases.mark
             frames, motion = robot.step(sense, inbox)
             member.answer(sense.tick, Transmission(sense.tick, config.node, frames).encode(), motion.encode())

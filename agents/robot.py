@@ -12,8 +12,8 @@ from agents.config import RobotConfig
 from agents.map_downlink import MapCopy
 from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
 from agents.payloads import sort_payloads
-from agents.policies import policy_class
 from agents.scan_uplink import ScanUplink
+from agents.vds import Vds
 from bus.codec import WireError
 from bus.phases import Mark, unmarked
 from medium.messages import BROADCAST, Frame, Inbox
@@ -26,16 +26,24 @@ _TABLE_INTERVAL_TICKS = 10
 class Robot:
     """Sans-IO: no clock, no threads, no Zenoh. One instance is one incarnation."""
 
-    def __init__(self, config: RobotConfig, incarnation: int, first_tick: int) -> None:
-        """A new incarnation sends and learns no routes while its old routes die out [paper 2.10]."""
+    def __init__(
+        self, config: RobotConfig, policy: type[Vds], rng: random.Random, incarnation: int, first_tick: int
+    ) -> None:
+        """A new incarnation sends and learns no routes while its old routes die out [paper 2.10].
+
+        Args:
+            config: what it knows before it starts.
+            policy: the class that decides (agents/policies.py).
+            rng: this incarnation's own generator.
+            incarnation: how many came before it.
+            first_tick: the first tick in which it takes part.
+        """
         quiet_until = config.rules.routing.quiet_until(incarnation, first_tick)
-        # A string seeds the same way on every machine and under every PYTHONHASHSEED.
-        rng = random.Random(f"{config.seed}/{config.node}/{incarnation}")
         self.config = config
         self.mark: Mark = unmarked
         """Called at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
-        self.policy = policy_class(config.policy)(self.body)
+        self.policy = policy(self.body)
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)

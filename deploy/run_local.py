@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deploy.command import Parser
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
-    from deploy.screen.live_table import View
+    from deploy.screen.view import View
 
 
 class BadInputError(Exception):
@@ -172,6 +172,8 @@ def _run(
         view = _view(options, console, scenario.cell_names)
         pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
         view.line(f"run folder {out}{pids}")
+        if scenario.remark:
+            view.line(scenario.remark)
         if options.in_process:
             from deploy.in_process import run_in_process
 
@@ -185,7 +187,9 @@ def _run(
 
 
 def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
-    from deploy.screen.live_table import LiveTable, PlainLines, Silence
+    from deploy.screen.live_table import LiveTable
+    from deploy.screen.plain_lines import PlainLines
+    from deploy.screen.view import Silence
 
     if options.quiet:
         return Silence()

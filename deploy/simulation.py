@@ -6,6 +6,7 @@ invariant 2), so whatever is learned here holds there.
 
 from __future__ import annotations
 
+import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.messages import Table
+from agents.policies import policy_class
 from agents.robot import Robot
 from deploy.scenario import Scenario
 from medium.core import Medium
@@ -24,6 +26,7 @@ from monitor_station.view import StationView
 from world.core import World
 from world.feed import Event, Snapshot
 from world.messages import Motion, Sense
+from world.seeds import node_stream
 from world.terms import STATION
 
 
@@ -99,6 +102,7 @@ class Simulation:
         self.medium = Medium(scenario.medium_config())
         self.robots: dict[int, Robot] = {}
         self.station: Station | None = None
+        self._policy = policy_class(scenario.tables.policy)
         self._station_config = scenario.station_config()
         self._incarnation: dict[int, int] = {}
         self._journal = bytearray()
@@ -162,15 +166,20 @@ class Simulation:
             else:
                 self._robot_for(node, sense).step(sense, inbox)
 
+    def _rng(self, sense: Sense, node: int) -> random.Random:
+        return node_stream(self._scenario.seed, node, sense.incarnation)
+
     def _robot_for(self, node: int, sense: Sense) -> Robot:
         if sense.first and self._incarnation.get(node) != sense.incarnation:
             self._incarnation[node] = sense.incarnation
-            self.robots[node] = Robot(self._scenario.robot_config(node), sense.incarnation, sense.tick)
+            self.robots[node] = Robot(
+                self._scenario.robot_config(node), self._policy, self._rng(sense, node), sense.incarnation, sense.tick
+            )
         return self.robots[node]
 
     def _station_for(self, sense: Sense) -> Station:
         if self.station is None or (sense.first and self._incarnation[STATION] != sense.incarnation):
             self._incarnation[STATION] = sense.incarnation
-            self.station = Station(self._station_config, sense.incarnation, sense.tick)
+            self.station = Station(self._station_config, self._rng(sense, STATION), sense.incarnation, sense.tick)
             self.station.restore(bytes(self._journal))
         return self.station

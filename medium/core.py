@@ -14,6 +14,7 @@ from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
 from medium.propagation import Propagation
 from world.messages import Positions
+from world.seeds import Stream, sequence
 from world.terms import TICK_S
 
 _TICK: Final = struct.Struct("<IH")
@@ -30,7 +31,7 @@ class Medium:
     def __init__(self, config: MediumConfig) -> None:
         self._config = config
         self._propagation = Propagation(config)
-        self._random = np.random.Generator(np.random.PCG64(np.random.SeedSequence([config.seed, 2])))
+        self._random = sequence(config.seed, Stream.LOSS)
         self._trace = hashlib.sha256()
         self.sent = 0
         self.delivered = 0

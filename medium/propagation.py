@@ -8,7 +8,6 @@ power off at the sensitivity.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from functools import lru_cache
 from typing import Final
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from medium.config import MediumConfig
 from world.geometry import walls_crossed
+from world.seeds import link_uniforms
 
 _NEAREST_M: Final = 0.01
 """The curve has no value at distance 0."""
@@ -85,7 +85,6 @@ class Propagation:
 
     def _draw_shadow_db(self, *link: int) -> float:
         """X of one link between two squares. It is a hash, so that it does not depend on the order of visits."""
-        digest = hashlib.blake2b(repr((self._config.seed, link)).encode(), digest_size=16).digest()
-        u, v = (int.from_bytes(part, "little") / 2**64 for part in (digest[:8], digest[8:]))
+        u, v = link_uniforms(self._config.seed, link)
         normal = math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
         return self._config.radio.shadowing_db * max(-4.0, min(4.0, normal))

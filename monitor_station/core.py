@@ -33,16 +33,16 @@ _NO_CHANGE: Final = np.zeros(0, np.int64), np.zeros(0, np.int8)
 class Station:
     """Sans-IO. What it knows came over the radio; a journal lets a new incarnation go on where the last one ended."""
 
-    def __init__(self, config: StationConfig, incarnation: int, first_tick: int) -> None:
+    def __init__(self, config: StationConfig, rng: random.Random, incarnation: int, first_tick: int) -> None:
         node = config.node
         quiet_until = node.rules.routing.quiet_until(incarnation, first_tick)
         self.config = config
-        self.router = Router(node, random.Random(f"{node.seed}/{node.node}/{incarnation}"), quiet_until)
+        self.router = Router(node, rng, quiet_until)
         self.merger = MapMerger(node.geometry, node.safety_zone_m)
         self.downlink = MapDownlink(node.rules.reporting.chunk_cells)
         self.search = SearchRate(config.search_cells, node.geometry.size)
         known = np.flatnonzero(self.merger.cells >= 0)
-        self.search.update(0, known, self.merger.cells)
+        self.search.update(0, known)
         self.bad_frames = 0
         self._tick = first_tick
         self._journal: list[bytes] = []
@@ -80,7 +80,7 @@ class Station:
         self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
         cells, values = change
         self.downlink.append(cells.astype(np.uint32), values)
-        self.search.update(tick, cells, self.merger.cells)
+        self.search.update(tick, cells)
         return change
 
     @staticmethod

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor_station.config import SearchCell
-from world.grid import UNKNOWN
 from world.terms import seconds_of
 
 
@@ -16,22 +15,34 @@ class SearchRate:
     def __init__(self, search_cells: tuple[SearchCell, ...], size: int) -> None:
         """`size`: number of grid cells."""
         self.names = [c.name for c in search_cells]
-        self._members = [c.cells for c in search_cells]
-        self._cell_of = np.full(size, -1, np.int16)
-        for k, members in enumerate(self._members):
-            self._cell_of[members] = k
         self.search_time_s: list[float | None] = [None] * len(search_cells)
         self.rates: tuple[float, ...] = (0.0,) * len(search_cells)
+        self._sizes = [len(c.cells) for c in search_cells]
+        self._scanned = [0] * len(search_cells)
+        self._known: NDArray[np.bool_] = np.zeros(size, np.bool_)
+        self._layers: list[NDArray[np.int16]] = []
+        """The search cell that holds each grid cell, or -1; those that overlap are in different layers."""
+        for k, cell in enumerate(search_cells):
+            layer = next((layer for layer in self._layers if (layer[cell.cells] < 0).all()), None)
+            if layer is None:
+                layer = np.full(size, -1, np.int16)
+                self._layers.append(layer)
+            layer[cell.cells] = k
 
-    def update(self, tick: int, changed: NDArray[np.int64], merged: NDArray[np.int8]) -> None:
-        """Count again the search cells that have changed grid cells."""
-        touched = np.unique(self._cell_of[changed])
+    def update(self, tick: int, changed: NDArray[np.int64]) -> None:
+        """Count the grid cells that the map now knows; `changed`: no cell twice."""
+        new = changed[~self._known[changed]]
+        self._known[new] = True
         rates = list(self.rates)
-        for k in touched[touched >= 0].tolist():
-            members = self._members[k]
-            rates[k] = float(np.count_nonzero(merged[members] != UNKNOWN)) / len(members)
-            if rates[k] == 1.0 and self.search_time_s[k] is None:
-                self.search_time_s[k] = seconds_of(tick)
+        for layer in self._layers:
+            touched, counts = np.unique(layer[new], return_counts=True)
+            for k, count in zip(touched.tolist(), counts.tolist(), strict=True):
+                if k < 0:
+                    continue
+                self._scanned[k] += count
+                rates[k] = self._scanned[k] / self._sizes[k]
+                if self._scanned[k] == self._sizes[k]:
+                    self.search_time_s[k] = seconds_of(tick)
         self.rates = tuple(rates)
 
     @property

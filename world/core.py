@@ -24,7 +24,8 @@ from world.geometry import pad
 from world.messages import Motion, Positions, Report, Sense, Stop
 from world.motion import move
 from world.roster import Roster
-from world.senses import Purpose, Senses, seeded
+from world.seeds import Stream, sequence
+from world.senses import Senses
 from world.terms import NOBODY, STATION, seconds_of, tick_of
 
 __all__ = ["Begin", "Core", "World"]
@@ -95,7 +96,7 @@ class World:
         self._ticking = False
         # Which faults act, and on whom those with the target `random`.
         self._agenda = Agenda(config.faults)
-        self._choice = seeded(config.seed, Purpose.CHOICE)
+        self._choice = sequence(config.seed, Stream.CHOICE)
         # What the ticks came to, and how the run ends.
         self._account = Account(config, self._roster)
         self._interrupted = False

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from world.grid import MAX_CELLS, GridGeometry, check_grid
 
-__all__ = ["connected_parts", "from_rectangles", "reachable"]
+__all__ = ["clearance", "connected_parts", "from_rectangles", "reachable"]
 
 Rectangle = tuple[float, float, float, float]
 
@@ -57,3 +57,14 @@ def reachable(occupied: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
     parts = connected_parts(occupied)
     reached: NDArray[np.bool_] = (parts == parts.flat[index]) & ~occupied
     return reached
+
+
+def clearance(free: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(rows, cols) cells from each free cell to the nearest that is not, diagonal steps counting as one; 0 for those.
+
+    What lies outside is not free.
+    """
+    from scipy import ndimage
+
+    distance: NDArray[np.int32] = ndimage.distance_transform_cdt(np.pad(free, 1), "chessboard")[1:-1, 1:-1]
+    return distance

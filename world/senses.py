@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import TypeAlias
 
 import numpy as np
@@ -13,25 +12,13 @@ from world.geometry import line_of_sight, pad
 from world.lidar import Caster
 from world.messages import Sense
 from world.roster import Roster
+from world.seeds import Stream, counted
 from world.terms import STATION
 
-__all__ = ["Purpose", "Senses", "seeded"]
+__all__ = ["Senses"]
 
 Sightings: TypeAlias = tuple[tuple[int, float, float], ...]
 """(victim id, x, y) of each"""
-
-
-class Purpose(IntEnum):
-    """What the world draws random numbers for; none of them depends on another."""
-
-    LIDAR = 0
-    POSE = 1
-    CHOICE = 2
-    """Whom a fault with target `random` hits."""
-
-
-def seeded(seed: int, purpose: Purpose) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(purpose)])))
 
 
 class Senses:
@@ -55,7 +42,7 @@ class Senses:
         if self._pose_noise_m > 0:
             places = true.copy()
             for node in (n for n in nodes if n != STATION):
-                noise = self._generator(Purpose.POSE, tick, node).normal(0.0, self._pose_noise_m, 2)
+                noise = counted(self._seed, Stream.POSE, node, tick).normal(0.0, self._pose_noise_m, 2)
                 places[node] = (xy_m[node] + noise).tolist()
         interval = self._lidar.interval_ticks
         due = [n for n in nodes if n != STATION and ((tick + n) % interval == 0 or roster.first(n))]
@@ -70,15 +57,11 @@ class Senses:
                 senses[node] = Sense(tick, first, incarnation, x, y)
         return senses
 
-    def _generator(self, purpose: Purpose, tick: int, node: int) -> np.random.Generator:
-        """One for each node and tick: who else is there, and who was, changes nobody's noise (Salmon et al. 2011)."""
-        return np.random.Generator(np.random.Philox(counter=[0, 0, node, tick], key=[self._seed, int(purpose)]))
-
     def _scan(self, tick: int, node: int, x_m: float, y_m: float) -> NDArray[np.float64]:
         lidar = self._lidar
         ranges = self._caster.cast(x_m, y_m)
         if lidar.noise_m > 0:
-            noisy = ranges + self._generator(Purpose.LIDAR, tick, node).normal(0.0, lidar.noise_m, len(ranges))
+            noisy = ranges + counted(self._seed, Stream.LIDAR, node, tick).normal(0.0, lidar.noise_m, len(ranges))
             ranges = np.where(ranges < lidar.range_m, noisy.clip(0.0, lidar.range_m), ranges)
         return ranges
 

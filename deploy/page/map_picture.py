@@ -9,15 +9,18 @@ from html import escape
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from deploy.page.charts import COLORS
-from deploy.run_folder.reader import MapImage, Run
+from deploy.run_folder.reader import Run
+from monitor_station.config import cell_title
+from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 __all__ = ["MAP_KEY", "map_picture"]
 
 _WIDTH: Final = 480.0
-_SHADES: Final = {"free": 255, "unknown": 206, "wall": 40}
+_SHADES: Final = {FREE: 255, UNKNOWN: 206, OCCUPIED: 40}
 
 MAP_KEY: Final = (
     ("search", "robot that searches (SR)"), ("relay", "robot that relays (RR)"), ("gone", "robot that was gone"),
@@ -30,30 +33,30 @@ MAP_KEY: Final = (
 class _Plan:
     """Where places in metres lie in the picture."""
 
-    def __init__(self, run: Run, image: MapImage) -> None:
-        rows, cols = image.pixels.shape
-        self.run, self.image = run, image
-        self.scale: float = _WIDTH / (cols * image.resolution_m)
-        self.height: float = rows * image.resolution_m * self.scale
+    def __init__(self, run: Run, geometry: GridGeometry) -> None:
+        self.run, self.geometry = run, geometry
+        self.scale: float = _WIDTH / (geometry.cols * geometry.resolution_m)
+        self.height: float = geometry.rows * geometry.resolution_m * self.scale
 
     def x(self, x_m: float) -> float:
-        return (x_m - self.image.x0_m) * self.scale
+        return (x_m - self.geometry.x0_m) * self.scale
 
     def y(self, y_m: float) -> float:
-        return self.height - (y_m - self.image.y0_m) * self.scale
+        return self.height - (y_m - self.geometry.y0_m) * self.scale
 
 
 def map_picture(run: Run) -> str | None:
     """The picture as SVG; None if the run left no map."""
     if run.map is None:
         return None
-    plan = _Plan(run, run.map)
+    plan = _Plan(run, run.map.geometry)
     title = f"Map of {run.name}"
     description = "The map that the monitor station merged, seen from above, as it was when the run ended."
+    png = _png(run.map.cells)
     parts = [
         f'<svg class="map" viewBox="0 0 {_WIDTH:g} {plan.height:.1f}" role="img" aria-label="{escape(title)}">',
         f"<title>{escape(title)}</title><desc>{escape(description)}</desc>",
-        f'<image width="{_WIDTH:g}" height="{plan.height:.1f}" preserveAspectRatio="none" href="{_png(run.map)}"/>',
+        f'<image width="{_WIDTH:g}" height="{plan.height:.1f}" preserveAspectRatio="none" href="{png}"/>',
         *_cells(plan),
         *_hops(plan),
         *_victims(plan),
@@ -64,12 +67,12 @@ def map_picture(run: Run) -> str | None:
     return "".join(parts)
 
 
-def _png(image: MapImage) -> str:
-    shades = np.full(image.pixels.shape, _SHADES["unknown"], np.uint8)
-    shades[image.pixels > 230] = _SHADES["free"]
-    shades[image.pixels < 100] = _SHADES["wall"]
+def _png(cells: NDArray[np.int8]) -> str:
+    shades = np.full(cells.shape, _SHADES[UNKNOWN], np.uint8)
+    shades[cells == FREE] = _SHADES[FREE]
+    shades[cells == OCCUPIED] = _SHADES[OCCUPIED]
     buffer = io.BytesIO()
-    Image.fromarray(shades).save(buffer, "PNG", optimize=True)
+    Image.fromarray(shades[::-1]).save(buffer, "PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
@@ -82,7 +85,7 @@ def _cells(plan: _Plan) -> Iterator[str]:
     ):
         left, top = plan.x(x0), plan.y(y1)
         width, height = (x1 - x0) * plan.scale, (y1 - y0) * plan.scale
-        label = f"Cell {name}" if name.isdigit() else name
+        label = cell_title(name)
         yield (
             f'<rect class="cell s{i % COLORS}" x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" '
             f'height="{height:.1f}"/><text class="cell-name t{i % COLORS}" x="{left + width / 2:.1f}" '

@@ -36,7 +36,7 @@ from world.terms import STATION, TICK_S
 
 if TYPE_CHECKING:
     from deploy.scenario import Scenario
-    from deploy.screen.live_table import View
+    from deploy.screen.view import View
 
 __all__ = ["Launcher", "Outcome", "run_name"]
 

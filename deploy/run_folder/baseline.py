@@ -10,6 +10,7 @@ from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from deploy.json_file import read_table
+from deploy.scenario.files import read_toml
 from deploy.scenario.tables import ScenarioError
 from world.user_file import shown
 
@@ -49,10 +50,7 @@ class Baseline:
             ScenarioError: there is no such run, it has not ended, or it is of another scenario or seed.
         """
         summary = _summary_of(folder)
-        try:
-            was = tomllib.loads((folder / "scenario.toml").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ScenarioError(f"{folder / 'scenario.toml'}: {error}") from None
+        was = read_toml(folder / "scenario.toml")
         now = tomllib.loads(scenario.to_toml())
         for key in sorted({*was, *now}.difference(_NO_MATTER)):
             if was.get(key) != now.get(key):

@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from PIL import Image
 
 from deploy.json_file import read_table
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
+from world.grid import GridGeometry
+from world.map_file import read_map
 
-__all__ = ["MapImage", "Run", "RunFilesError", "read_run"]
+__all__ = ["MergedMap", "Run", "RunFilesError", "read_run"]
 
-_LARGEST_PIXELS: Final = 16_000_000
 _LONGEST_S: Final = 1e9
-_DAMAGE: Final = (
-    OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError, yaml.YAMLError,
-    Image.DecompressionBombError,
-)  # fmt: skip
-"""What reading a damaged map may lead to."""
 
 
 class RunFilesError(ValueError):
@@ -34,14 +28,12 @@ class RunFilesError(ValueError):
 
 
 @dataclass(frozen=True)
-class MapImage:
+class MergedMap:
     """The map that the MS merged."""
 
-    pixels: NDArray[np.uint8]
-    """(rows, cols) as in map.pgm: row 0 at the highest y; 254 free, 0 wall, 205 unknown"""
-    resolution_m: float
-    x0_m: float
-    y0_m: float
+    cells: NDArray[np.int8]
+    """(rows, cols) of FREE, OCCUPIED and UNKNOWN; row 0 at the lowest y"""
+    geometry: GridGeometry
 
 
 @dataclass(frozen=True)
@@ -58,7 +50,7 @@ class Run:
     scenario_toml: str
     scenario: Scenario | None
     """None if scenario.toml is missing or its map has gone."""
-    map: MapImage | None
+    map: MergedMap | None
 
     @property
     def name(self) -> str:
@@ -166,24 +158,12 @@ def _scenario(path: Path) -> tuple[str, Scenario | None]:
         return toml, None
 
 
-def _map(path: Path) -> MapImage | None:
+def _map(path: Path) -> MergedMap | None:
     """The map; None if the run left none, as when its station was lost."""
     if not path.exists():
         return None
     try:
-        fields = yaml.safe_load(_text(path))
-        if not isinstance(fields, Mapping):
-            raise RunFilesError(f"{path}: not a map")
-        resolution_m, (x0_m, y0_m) = float(fields["resolution"]), map(float, fields["origin"][:2])
-        if not (np.isfinite([resolution_m, x0_m, y0_m]).all() and resolution_m > 0):
-            raise RunFilesError(f"{path}: not a map")
-        # The image lies beside its YAML: a report never reads other folders for it.
-        with Image.open(path.parent / Path(str(fields["image"])).name) as image:
-            if image.width * image.height > _LARGEST_PIXELS:
-                raise RunFilesError(f"{path}: its image is too large")
-            pixels = np.asarray(image.convert("L"), np.uint8)
-    except RunFilesError:
-        raise
-    except _DAMAGE:
-        raise RunFilesError(f"{path}: damaged, or its image is") from None
-    return MapImage(pixels, resolution_m, x0_m, y0_m)
+        # Its image lies beside it: a report never reads other folders for it.
+        return MergedMap(*read_map(path, f"{path.stem}.pgm"))
+    except ValueError as error:
+        raise RunFilesError(str(error)) from None

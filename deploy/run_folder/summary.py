@@ -75,6 +75,10 @@ def summary_of(
         "seed": scenario.seed,
         "robots": scenario.robots,
         "radius_m": scenario.radius_m,
+        "unreachable": {
+            "floor": round(scenario.arena.unreachable, 6),
+            "cells": dict(zip(scenario.cell_names, (round(s, 6) for s in scenario.arena.unreachable_of), strict=True)),
+        },
         "simulated_s": simulated_s,
         "wall_s": round(wall_s, 3),
         "real_time_factor": round(simulated_s / wall_s, 2) if wall_s > 0 else None,

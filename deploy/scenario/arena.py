@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,18 +13,22 @@ from numpy.typing import NDArray
 
 from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
 from monitor_station.config import SearchCell
-from world.floor_plan import from_rectangles, reachable
+from world.floor_plan import clearance, connected_parts, from_rectangles
 from world.geometry import line_of_sight, pad
 from world.grid import GridGeometry
 from world.map_file import digest_of_map, load_map
+from world.seeds import Stream, sequence
+from world.user_file import shown
 
 __all__ = ["Arena", "survey"]
 
 START_MIN_M: Final = 1.0
 START_MAX_M: Final = 3.0
 SAFETY_M: Final = 3.0
-_STARTS, _VICTIMS = 100, 101
-"""Purposes of seeded generators; those of the processes are below."""
+CLEAR_M: Final = 1.0
+"""Between a station that nobody placed and the walls, where there is so much room."""
+MOST_RANGE_CELLS: Final = 1000
+"""The world and every robot keep tables of all cells within range of a lidar."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,10 @@ class Arena:
     cell_rectangles_m: tuple[Rectangle, ...]
     victims_m: NDArray[np.float64]
     """(v, 2)"""
+    unreachable: float
+    """Share of the free floor that can't be reached from the station."""
+    unreachable_of: tuple[float, ...]
+    """The same of each search cell: what it leaves out."""
 
 
 def survey(tables: Tables) -> Arena:
@@ -49,10 +58,12 @@ def survey(tables: Tables) -> Arena:
         ScenarioError: they do not fit the floor plan; the message names the key, not the file.
     """
     occupied, geometry = _floor_plan(tables.floor_plan)
-    station = _station(tables, occupied, geometry)
-    connected = reachable(occupied, geometry.index(*station))
+    _check_lidar(tables, geometry)
+    parts = connected_parts(occupied)
+    station = _station(tables, parts, geometry)
+    connected = parts == parts.flat[geometry.index(*station)]
     zone = _safety_zone(tables, occupied, geometry, station)
-    cells, rectangles = _cells(tables, connected, geometry)
+    cells, rectangles, left_out = _cells(tables, occupied, connected, geometry)
     return Arena(
         geometry,
         occupied,
@@ -64,6 +75,8 @@ def survey(tables: Tables) -> Arena:
         cells,
         rectangles,
         _victims(tables, occupied, geometry, cells),
+        1.0 - np.count_nonzero(connected) / np.count_nonzero(parts),
+        left_out,
     )
 
 
@@ -85,21 +98,32 @@ def _floor_plan(plan: FloorPlan) -> tuple[NDArray[np.bool_], GridGeometry]:
         raise ScenarioError(f"floor_plan: {error}") from None
 
 
-def _station(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry) -> Point:
+def _check_lidar(tables: Tables, geometry: GridGeometry) -> None:
+    cells = tables.lidar.range_m / geometry.resolution_m
+    if cells > MOST_RANGE_CELLS:
+        most = MOST_RANGE_CELLS * geometry.resolution_m
+        raise ScenarioError(
+            f"lidar.range_m = {tables.lidar.range_m:g}: {cells:g} cells of {geometry.resolution_m:g} m; "
+            f"up to {MOST_RANGE_CELLS:,} are possible, here {most:g} m"
+        )
+
+
+def _station(tables: Tables, parts: NDArray[np.int32], geometry: GridGeometry) -> Point:
+    """Where the scenario says; else in the largest part of the floor, clear of walls, nearest to the middle."""
     wanted = tables.station.position_m
     if wanted is not None:
-        if not _free(occupied, geometry, wanted):
+        if not _free(parts == 0, geometry, wanted):
             raise ScenarioError(f"station.position_m = {wanted[0]:g}, {wanted[1]:g} is inside a wall")
         return wanted
-    free = np.flatnonzero(~occupied)
-    if not len(free):
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    if not sizes.any():
         raise ScenarioError("floor_plan has no free cell")
-    middle = (
-        geometry.x0_m + geometry.cols * geometry.resolution_m / 2,
-        geometry.y0_m + geometry.rows * geometry.resolution_m / 2,
-    )
-    away = np.hypot(*(geometry.centers(free) - middle).T)
-    return geometry.center(int(free[np.argmin(away)]))
+    room = clearance(parts == sizes.argmax())
+    enough = min(math.ceil(CLEAR_M / geometry.resolution_m), int(room.max()))
+    rows = (np.arange(geometry.rows) + 0.5 - geometry.rows / 2)[:, None]
+    cols = (np.arange(geometry.cols) + 0.5 - geometry.cols / 2)[None, :]
+    return geometry.center(int(np.where(room >= enough, rows**2 + cols**2, math.inf).argmin()))
 
 
 def _free(occupied: NDArray[np.bool_], geometry: GridGeometry, place: Point) -> bool:
@@ -119,44 +143,56 @@ def _safety_zone(
         if occupied.ravel()[geometry.rectangle(*wanted)].any():
             raise ScenarioError(f"station.safety_zone_m = {_list(wanted)} holds a wall, but is said to be free")
         return wanted
-    half = SAFETY_M
-    while half > geometry.resolution_m:
-        square = (x - half, y - half, x + half, y + half)
-        if not occupied.ravel()[geometry.rectangle(*square)].any():
-            return square
-        half -= geometry.resolution_m
-    cx, cy = geometry.center(geometry.index(x, y))
-    half = geometry.resolution_m / 2
-    return cx - half, cy - half, cx + half, cy + half
+
+    def square(half: float) -> Rectangle:
+        return x - half, y - half, x + half, y + half
+
+    def holds_no_wall(half: float) -> bool:
+        return not occupied.ravel()[geometry.rectangle(*square(half))].any()
+
+    halves = [SAFETY_M]
+    while halves[-1] > geometry.resolution_m:
+        halves.append(halves[-1] - geometry.resolution_m)
+    largest = bisect.bisect_left(halves, True, hi=len(halves) - 1, key=holds_no_wall)
+    if largest < len(halves) - 1:
+        return square(halves[largest])
+    x, y = geometry.center(geometry.index(x, y))
+    return square(geometry.resolution_m / 2)
 
 
 def _cells(
-    tables: Tables, connected: NDArray[np.bool_], geometry: GridGeometry
-) -> tuple[tuple[SearchCell, ...], tuple[Rectangle, ...]]:
-    names = [cell.name for cell in tables.cell]
-    for name in names:
-        if names.count(name) > 1 or name == "all":
-            raise ScenarioError(f"cell name '{name}' is taken; every cell needs its own, and 'all' is the whole")
+    tables: Tables, occupied: NDArray[np.bool_], connected: NDArray[np.bool_], geometry: GridGeometry
+) -> tuple[tuple[SearchCell, ...], tuple[Rectangle, ...], tuple[float, ...]]:
+    """The search cells, their rectangles, and the share of the free floor in each that can't be reached."""
+    names = {"all"}
+    for cell in tables.cell:
+        if cell.name in names:
+            what = "every cell needs its own, and 'all' is the whole"
+            raise ScenarioError(f"cell name '{shown(cell.name)}' is taken; {what}")
+        names.add(cell.name)
     if not tables.cell:
         inside = np.flatnonzero(connected)
-        low, high = geometry.centers(inside).min(axis=0), geometry.centers(inside).max(axis=0)
+        rows, cols = np.flatnonzero(connected.any(axis=1)), np.flatnonzero(connected.any(axis=0))
+        low = geometry.center(int(rows[0] * geometry.cols + cols[0]))
+        high = geometry.center(int(rows[-1] * geometry.cols + cols[-1]))
         half = geometry.resolution_m / 2
-        box = (float(low[0] - half), float(low[1] - half), float(high[0] + half), float(high[1] + half))
-        return (SearchCell("all", inside),), (box,)
-    cells = []
+        return (SearchCell("all", inside),), ((low[0] - half, low[1] - half, high[0] + half, high[1] + half),), (0.0,)
+    cells, left_out = [], []
     for cell in tables.cell:
         inside = geometry.rectangle(*cell.rectangle_m)
-        inside = inside[connected.ravel()[inside]]
+        free = inside[~occupied.ravel()[inside]]
+        inside = free[connected.ravel()[free]]
         if not len(inside):
-            where = f"cell '{cell.name}': rectangle_m = {_list(cell.rectangle_m)}"
+            where = f"cell '{shown(cell.name)}': rectangle_m = {_list(cell.rectangle_m)}"
             raise ScenarioError(f"{where} holds no free place that can be reached from the station")
         cells.append(SearchCell(cell.name, inside))
-    return tuple(cells), tuple(cell.rectangle_m for cell in tables.cell)
+        left_out.append(1.0 - len(inside) / len(free))
+    return tuple(cells), tuple(cell.rectangle_m for cell in tables.cell), tuple(left_out)
 
 
 def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, station: Point) -> NDArray[np.float64]:
     """Seeded free places 1 to 3 m around the MS from where it can be seen."""
-    generator = _generator(tables.seed, _STARTS)
+    generator = sequence(tables.seed, Stream.STARTS)
     walls, wider = pad(occupied, geometry, math.ceil(START_MAX_M / geometry.resolution_m) + 1)
     starts: list[Point] = []
     for _ in range(200 * tables.robots + 2000):
@@ -182,7 +218,7 @@ def _spread(
         raise ScenarioError(
             f"station.start_radius_m = {radius_m:g}: only {len(places)} free cells there for {tables.robots} robots"
         )
-    chosen: NDArray[np.float64] = _generator(tables.seed, _STARTS).choice(places, tables.robots, replace=False)
+    chosen: NDArray[np.float64] = sequence(tables.seed, Stream.STARTS).choice(places, tables.robots, replace=False)
     return chosen
 
 
@@ -195,7 +231,7 @@ def _victims(
             raise ScenarioError(f"victims.positions_m[{i}] = {place[0]:g}, {place[1]:g} is inside a wall")
     if tables.victims.positions_m:
         return np.array(tables.victims.positions_m, np.float64)
-    generator = _generator(tables.seed, _VICTIMS)
+    generator = sequence(tables.seed, Stream.VICTIMS)
     count = tables.victims.per_cell
     places = []
     for cell in cells:
@@ -203,10 +239,6 @@ def _victims(
             raise ScenarioError(f"victims.per_cell = {count}: cell '{cell.name}' has only {len(cell.cells)} places")
         places.append(geometry.centers(generator.choice(cell.cells, count, replace=False)))
     return np.concatenate(places)
-
-
-def _generator(seed: int, purpose: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, purpose])))
 
 
 def _list(values: Rectangle) -> str:

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from deploy.scenario.tables import ScenarioError, nearest
+from world.user_file import read_text, shown
 
-__all__ = ["names", "parse_set", "read_source"]
+__all__ = ["located", "names", "parse_set", "read_source", "read_toml"]
 
 FOLDER: Final = Path(__file__).resolve().parent.parent / "scenarios"
+_MOST_BYTES: Final = 2**20
 _BARE: Final = re.compile(r"[A-Za-z_][\w:.-]*")
 
 
@@ -30,18 +32,19 @@ def parse_set(text: str) -> tuple[str, Any]:
     """
     key, equals, value = text.partition("=")
     key, value = key.strip(), value.strip()
+    said = f"'{shown(text)}'"
     if not equals or not key or not value:
-        raise ScenarioError(f"'{text}': expected KEY=VALUE, such as radio.loss=0.1")
+        raise ScenarioError(f"{said}: expected KEY=VALUE, such as radio.loss=0.1")
     try:
         parsed = tomllib.loads(f"value = {value}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         if not _BARE.fullmatch(value):
             raise ScenarioError(
-                f"'{text}': '{value}' is not a TOML value, such as 0.1, true, \"text\" or [1, 2]"
+                f'{said}: what follows = is not a TOML value, such as 0.1, true, "text" or [1, 2]'
             ) from None
         return key, value
     if list(parsed) != ["value"]:
-        raise ScenarioError(f"'{text}': more than one value")
+        raise ScenarioError(f"{said}: more than one value")
     return key, parsed["value"]
 
 
@@ -54,20 +57,45 @@ def read_source(source: str) -> tuple[dict[str, Any], Path]:
     Raises:
         ScenarioError: there is no such scenario or file, or it is not TOML.
     """
-    path = Path(source)
-    if path.suffix in (".yaml", ".yml"):
+    path = _at_home(source)
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):
         return {"name": path.stem, "floor_plan": {"map": path.name}}, path
-    if path.suffix != ".toml":
+    if suffix != ".toml":
         if source not in names():
-            hint = nearest(source, names())
-            raise ScenarioError(f"unknown scenario '{source}', {hint} (or give the path of a .toml or a map's .yaml)")
+            known = f"{nearest(source, names())} (or give the path of a .toml or a map's .yaml)"
+            raise ScenarioError(f"unknown scenario '{shown(source)}', {known}")
         path = FOLDER / f"{source}.toml"
+    return read_toml(path), path
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        ScenarioError: it can't be read, or it is not TOML.
+    """
     try:
-        return copy.deepcopy(_parsed(path.read_text("utf-8"))), path
-    except OSError as error:
-        raise ScenarioError(f"{source}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{source}: not TOML: {error}") from None
+        text = read_text(path, _MOST_BYTES)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
+    try:
+        return copy.deepcopy(_parsed(text))
+    except (ValueError, RecursionError) as error:  # ValueError also of a number of thousands of digits
+        what = "nested too deeply" if isinstance(error, RecursionError) else shown(error, 120)
+        raise ScenarioError(f"{shown(path)}: not TOML: {what}") from None
+
+
+def located(name: str, folder: Path) -> Path:
+    """Where a path of the user's leads, seen from `folder`; ~/ is the home folder, as a shell has it.
+
+    Links are not followed: what a file names beside itself lies beside the link.
+    """
+    return (folder / _at_home(name)).absolute()
+
+
+def _at_home(name: str) -> Path:
+    return Path(name).expanduser() if name.startswith("~/") else Path(name)
 
 
 @functools.lru_cache(maxsize=16)

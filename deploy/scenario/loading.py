@@ -10,11 +10,12 @@ from typing import Any
 
 from agents.policies import PolicyError, policy_class
 from deploy.scenario.arena import survey
-from deploy.scenario.files import read_source
+from deploy.scenario.files import located, read_source
 from deploy.scenario.scenario import Scenario
 from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fault
 from world.config import Fault
 from world.faults import check_fault, parse_fault
+from world.user_file import shown
 
 __all__ = ["load"]
 
@@ -42,13 +43,15 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
             _put(raw, key, value)
         plan = raw.get("floor_plan")
         if isinstance(plan, dict) and isinstance(plan.get("map"), str):
-            plan["map"] = str((path.parent / plan["map"]).resolve())
+            plan["map"] = str(located(plan["map"], path.parent))
         _apply_policy(raw)
         tables = _with_faults(validate(raw), more)
         _check(tables)
         return Scenario(tables, survey(tables))
     except ScenarioError as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise ScenarioError(f"{shown(source)}: {error}") from None
+    except RecursionError:
+        raise ScenarioError(f"{shown(source)}: its lists or tables are nested too deeply") from None
 
 
 def _apply_policy(raw: dict[str, Any]) -> None:
@@ -63,7 +66,7 @@ def _apply_policy(raw: dict[str, Any]) -> None:
     try:
         defaults = policy_class(name).DEFAULTS
     except PolicyError as error:
-        raise ScenarioError(f"policy = '{name}': {error}") from None
+        raise ScenarioError(f"policy = '{shown(name)}': {shown(error, 150)}") from None
     for key, value in defaults.items():
         *tables, last = key.split(".")
         place: Any = raw
@@ -79,7 +82,8 @@ def _put(raw: dict[str, Any], key: str, value: Any) -> None:
     for i, table in enumerate(tables):
         place = place.setdefault(table, {})
         if not isinstance(place, dict):
-            raise ScenarioError(f"cannot set '{key}', since '{'.'.join(tables[: i + 1])}' is no table of single keys")
+            what = shown(".".join(tables[: i + 1]))
+            raise ScenarioError(f"cannot set '{shown(key)}', since '{what}' is no table of single keys")
     if key == "speed" and isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
@@ -89,7 +93,7 @@ def _put(raw: dict[str, Any], key: str, value: Any) -> None:
 def _with_faults(tables: Tables, more: Any) -> Tables:
     """The tables with further faults after their own, whichever way each is written."""
     if not isinstance(more, list | tuple):
-        raise ScenarioError(f"fault = {more!r}: expected a list of faults")
+        raise ScenarioError(f"fault = {shown(more)}: expected a list of faults")
     faults = list(tables.fault)
     for fault in more:
         if isinstance(fault, str):
@@ -103,12 +107,10 @@ def _with_faults(tables: Tables, more: Any) -> Tables:
 
 def _check(tables: Tables) -> None:
     """What no field can say alone."""
-    routing, retreat = tables.rules.routing, tables.rules.exploring
-    if not routing.r_in_share < routing.r_out_share <= 1:
-        shares = f"r_in_share = {routing.r_in_share:g}, r_out_share = {routing.r_out_share:g}"
-        raise ScenarioError(f"rules.routing: {shares}: needs r_in_share < r_out_share <= 1")
-    if retreat.retreat_min_s > retreat.retreat_max_s:
-        raise ScenarioError("rules.exploring: needs retreat_min_s <= retreat_max_s")
+    try:
+        tables.rules.check()
+    except ValueError as error:
+        raise ScenarioError(f"rules.{error}") from None
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import tomli_w
 
-from agents.config import RobotConfig
+from agents.config import POWER_SMOOTHING_S, RobotConfig
 from deploy.scenario.arena import Arena
 from deploy.scenario.tables import Tables
-from medium.config import MediumConfig, Radio
+from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import WorldConfig
 from world.faults import fault_form
 from world.map_file import digest_of_map
 from world.terms import STATION
+from world.user_file import shown
 
 __all__ = ["Scenario"]
-
-_SMOOTHING_S: Final = 1.0
-"""Over which robots average the power that they receive, where the radio is noisy."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +58,18 @@ class Scenario:
     def speed(self) -> float:
         """Simulated seconds per wall second; 0 = as fast as possible."""
         return 0.0 if self.tables.speed == "max" else self.tables.speed
+
+    @property
+    def remark(self) -> str:
+        """What of the floor can't be reached, in a line to be read before the run; empty if all can."""
+        arena = self.arena
+        if not arena.unreachable:
+            return ""
+        cells = zip(self.cell_names, arena.unreachable_of, strict=True)
+        cut = [f"{_percent(share)} of cell '{shown(name)}'" for name, share in cells if share]
+        return (
+            ", ".join([f"{_percent(arena.unreachable)} of the free floor", *cut]) + " can't be reached from the station"
+        )
 
     def world_config(self) -> WorldConfig:
         tables, arena, moving = self.tables, self.arena, self.tables.rules.moving
@@ -105,8 +114,8 @@ class Scenario:
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
             robots=tables.robots,
-            power_smoothing_s=_SMOOTHING_S if noisy else 0.0,
-            wall_factor=_wall_factor(radio, tables.rules.scouting.wall_loss_db),
+            power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
+            wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             policy=tables.policy,
             rules=tables.rules,
         )
@@ -138,15 +147,8 @@ class Scenario:
         return text
 
 
-def _wall_factor(radio: Radio, believed_db: float | None) -> float:
-    """How many times farther away one wall makes a node seem, as the robots believe."""
-    if radio.model == "disk":
-        return 1.0
-    if radio.model == "disk_los":
-        return math.inf
-    loss_db = radio.wall_loss_db if believed_db is None else believed_db
-    factor: float = 10.0 ** (loss_db / (10.0 * radio.exponent))
-    return factor
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.001 else "less than 0.1%"
 
 
 def _plain(value: Any) -> Any:

@@ -15,12 +15,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Le, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from agents.config import Rules
 from medium.config import Radio
 from world.config import Fault, Lidar, NotNegative, Positive
+from world.user_file import shown
 
 __all__ = [
     "Cell",
@@ -65,7 +66,7 @@ class StationPlace:
     """The monitor station and what is known free around it."""
 
     position_m: Point | None = None
-    """None: the free cell nearest to the middle of the floor plan."""
+    """None: in the largest connected part of the floor, the place nearest to the middle that is 1 m clear of walls."""
     safety_zone_m: Rectangle | None = None
     """x0, y0, x1, y1; None: the largest square around the station, up to 3 m each way, that holds no wall."""
     start_radius_m: Positive | None = None
@@ -76,7 +77,7 @@ class StationPlace:
 class Cell:
     """A space whose reconnaissance is measured: the free cells of a rectangle that can be reached from the MS."""
 
-    name: Annotated[str, MinLen(1)]
+    name: Annotated[str, MinLen(1), MaxLen(100)]
     rectangle_m: Rectangle
     """x0, y0, x1, y1"""
 
@@ -124,7 +125,7 @@ class Tables:
     pose_noise_m: NotNegative = 0.0
     """Standard deviation of each coordinate that a robot senses of itself."""
     station: StationPlace = field(default_factory=StationPlace)
-    cell: tuple[Cell, ...] = ()
+    cell: Annotated[tuple[Cell, ...], MaxLen(1000)] = ()
     """Search cells; none: one cell `all` of everything that can be reached."""
     victims: Victims = field(default_factory=Victims)
     lidar: Lidar = field(default_factory=Lidar)
@@ -166,7 +167,10 @@ _FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
 def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...]) -> T:
     _refuse_unknown(raw, kind, path)
     # In JSON a list may stand for a tuple, so that everything else can be strict: no "9" for 9, no true for 1.
-    text = json.dumps(raw, default=str)
+    try:
+        text = json.dumps(raw, default=str)
+    except ValueError:
+        raise ScenarioError("a whole number of thousands of digits") from None
     try:
         return adapter.validate_json(text, strict=True)
     except ValidationError as error:
@@ -187,7 +191,7 @@ def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
     for key, value in raw.items():
         if key not in hints:
             place = f" in [{_dotted(path)}]" if path else ""
-            raise ScenarioError(f"unknown key '{key}'{place}, {nearest(key, list(hints))}")
+            raise ScenarioError(f"unknown key '{shown(key)}'{place}, {nearest(key, list(hints))}")
         _refuse_unknown(value, hints[key], (*path, key))
 
 
@@ -195,7 +199,9 @@ def _dataclass_in(hint: Any) -> Any:
     """The dataclass that a hint is, or a tuple or union of it holds."""
     if dataclasses.is_dataclass(hint):
         return hint
-    if get_origin(hint) in (tuple, Annotated, typing.Union, types.UnionType):
+    if get_origin(hint) is Annotated:
+        return _dataclass_in(get_args(hint)[0])
+    if get_origin(hint) in (tuple, typing.Union, types.UnionType):
         return next((kind for kind in map(_dataclass_in, get_args(hint)) if kind is not None), None)
     return None
 
@@ -213,7 +219,7 @@ def _first(error: ValidationError, raw: Any, path: tuple[str | int, ...]) -> str
     what = " or ".join(messages)
     if errors[0]["type"] == "missing":
         return f"{_dotted(places[0])} {what}"
-    return f"{_dotted(places[0])} = {_short(errors[0]['input'])}: {what}"
+    return f"{_dotted(places[0])} = {shown(repr(errors[0]['input']))}: {what}"
 
 
 def _place(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
@@ -232,8 +238,3 @@ def _place(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
 def _dotted(path: Sequence[str | int]) -> str:
     text = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".")
-
-
-def _short(value: Any) -> str:
-    text = repr(value).replace("\n", " ")
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
+from agents.own_map import OwnMap
+from agents.planner import Planner
 from deploy.scenario import Scenario
 from deploy.scenario.arena import Arena
 from world.geometry import walls_crossed
+from world.terms import STATION
 
 __all__ = ["Bounds", "bounds_of"]
 
@@ -61,45 +61,29 @@ class Bounds:
 def bounds_of(scenario: Scenario) -> Bounds:
     """The lower bounds of a scenario, from its true floor plan."""
     rules = scenario.tables.rules
-    return Bounds(
-        _farthest_m(scenario.arena), scenario.tables.lidar.range_m, rules.moving.speed_m_s, rules.routing.r_in_share
-    )
+    lidar_m, moving, routing = scenario.tables.lidar.range_m, rules.moving, rules.routing
+    return Bounds(_farthest_m(scenario), lidar_m, moving.speed_m_s, routing.r_in_share)
 
 
-def _farthest_m(arena: Arena) -> float:
-    """Longest of the shortest paths from the MS to the search cells, pulled taut around the corners."""
+def _farthest_m(scenario: Scenario) -> float:
+    """Longest of the shortest paths from the MS to the search cells, pulled taut around the corners.
+
+    A robot that knew all of the floor plan would walk them, so they are searched as robots search.
+    """
+    arena = scenario.arena
+    known = OwnMap(scenario.robot_config(STATION))
+    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), arena.occupied.ravel().astype(np.int8))
+    reach = Planner(known).reach(arena.geometry.index(*arena.station_m))
     cells = np.concatenate([cell.cells for cell in arena.search_cells])
-    source = arena.geometry.index(*arena.station_m)
-    lengths, before = dijkstra(_walkable(arena), indices=source, return_predecessors=True)
+    cells = cells[np.isfinite(reach.lengths_m(cells))]
     # The grid's own lengths are up to 8 % too long, by direction: several far corners are pulled taut.
-    far = cells[np.argsort(lengths[cells])[-400:]]
-    return max(_taut_m(arena, before, int(cell)) for cell in far[np.isfinite(lengths[far])])
+    far = cells[np.argsort(reach.lengths_m(cells))[-400:]]
+    return max(_taut_m(arena, reach.path(cell)) for cell in far.tolist())
 
 
-def _walkable(arena: Arena) -> Any:
-    """Graph of free cells and their eight neighbors; a diagonal step needs both cells that it passes between."""
-    free = ~arena.occupied
-    rows, cols = free.shape
-    number = np.arange(free.size).reshape(rows, cols)
-    starts, ends, weights = [], [], []
-    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        r, c = np.nonzero(free)
-        inside = (r + dr < rows) & (c + dc >= 0) & (c + dc < cols)
-        r, c = r[inside], c[inside]
-        passable = free[r + dr, c + dc] & free[r, c + dc] & free[r + dr, c]
-        starts.append(number[r[passable], c[passable]])
-        ends.append(number[r[passable] + dr, c[passable] + dc])
-        weights.append(np.full(int(passable.sum()), math.hypot(dr, dc) * arena.geometry.resolution_m))
-    a, b, w = map(np.concatenate, (starts, ends, weights))
-    return csr_array((np.r_[w, w], (np.r_[a, b], np.r_[b, a])), shape=(free.size, free.size))
-
-
-def _taut_m(arena: Arena, before: NDArray[np.int32], cell: int) -> float:
-    """Length of the path to a cell, with every stop left out that is not needed to see past the walls."""
-    path = [cell]
-    while before[path[-1]] >= 0:
-        path.append(int(before[path[-1]]))
-    places = arena.geometry.centers(np.array(path))
+def _taut_m(arena: Arena, path: list[int]) -> float:
+    """Length of a path from the MS, with every stop left out that is not needed to see past the walls."""
+    places = arena.geometry.centers(np.array([*reversed(path), arena.geometry.index(*arena.station_m)]))
     length_m, at = 0.0, 0
     while at < len(places) - 1:
         ahead = places[at + 1 :]

@@ -9,7 +9,6 @@ import dataclasses
 import hashlib
 import itertools
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,9 @@ from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from deploy.scenario import Scenario, ScenarioError, load
+from deploy.scenario.files import located, read_toml
 from deploy.scenario.tables import nearest
+from world.user_file import shown
 
 __all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "study_names"]
 
@@ -27,7 +28,8 @@ FOLDER: Final = Path(__file__).resolve().parent.parent / "studies"
 BASE: Final = "base"
 """Name of the only variant of a study that lists none."""
 
-_RANGE: Final = re.compile(r"(-?\d+)\.\.(-?\d+)")
+_RANGE: Final = re.compile(r"(-?\d{1,9})\.\.(-?\d{1,9})")
+_MOST_STEPS: Final = 10_000
 
 
 @dataclass(frozen=True)
@@ -104,23 +106,19 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         ScenarioError: with one line that names the file, the key, and what would be right.
     """
     path = Path(source)
-    if path.suffix != ".toml":
+    if path.suffix.lower() != ".toml":
         if source not in study_names():
-            raise ScenarioError(f"unknown study '{source}', {nearest(source, study_names())} (or give a .toml file)")
+            known = f"{nearest(source, study_names())} (or give a .toml file)"
+            raise ScenarioError(f"unknown study '{shown(source)}', {known}")
         path = FOLDER / f"{source}.toml"
-    try:
-        raw = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ScenarioError(f"{source}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{source}: not TOML: {error}") from None
+    raw = read_toml(path)
     try:
         study = _validate({"name": path.stem, **raw})
         _check(study)
     except ScenarioError as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise ScenarioError(f"{shown(source)}: {error}") from None
     if Path(study.scenario).suffix:
-        study = dataclasses.replace(study, scenario=str((path.parent / study.scenario).resolve()))
+        study = dataclasses.replace(study, scenario=str(located(study.scenario, path.parent)))
     if not quick:
         return study
     variants = tuple(dataclasses.replace(variant, axes={}) for variant in study.variant)
@@ -139,8 +137,8 @@ def points_of(study: Study) -> list[Point]:
         try:
             scenario = load(source, settings)
         except ScenarioError as error:
-            shown = ", ".join(f"{key}={value}" for key, value in settings.items())
-            raise ScenarioError(f"study {study.name}, {variant} ({shown}): {error}") from None
+            which = shown(", ".join(f"{key}={value}" for key, value in settings.items()))
+            raise ScenarioError(f"study {shown(study.name, 30)}, {shown(variant, 30)} ({which}): {error}") from None
         point = _point(variant, scenario)
         points.setdefault(point.key, point)
     return sorted(points.values(), key=lambda point: (-point.effort, point.key))
@@ -174,13 +172,13 @@ def _validate(raw: Mapping[str, Any]) -> Study:
     )
     for key in raw:
         if key not in known:
-            raise ScenarioError(f"unknown key '{key}', {nearest(key, sorted(known))}")
+            raise ScenarioError(f"unknown key '{shown(key)}', {nearest(key, sorted(known))}")
     for table, items, kind in tables:
         allowed = [f.name for f in dataclasses.fields(kind)]
         for item in items if isinstance(items, list) else []:
             for key in item if isinstance(item, dict) else []:
                 if key not in allowed:
-                    raise ScenarioError(f"unknown key '{key}' in [{table}], {nearest(key, allowed)}")
+                    raise ScenarioError(f"unknown key '{shown(key)}' in [{table}], {nearest(key, allowed)}")
     try:
         return _ADAPTER.validate_python(dict(raw))
     except ValidationError as error:
@@ -199,7 +197,7 @@ def _check(study: Study) -> None:
     names = [variant.name for variant in study.variant]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ScenarioError(f"variant '{twice}' is there twice")
+        raise ScenarioError(f"variant '{shown(twice)}' is there twice")
     if study.plot == "search_time" and "radius_m" not in _flat(study.axes):
         raise ScenarioError("plot = 'search_time' needs an axis radius_m")
 
@@ -207,9 +205,12 @@ def _check(study: Study) -> None:
 def _values(key: str, given: Any) -> Sequence[Any]:
     if isinstance(given, str) and key != "fault" and (found := _RANGE.fullmatch(given)):
         first, last = map(int, found.groups())
+        if last - first >= _MOST_STEPS:
+            raise ScenarioError(f"axes.{shown(key)} = {given!r}: more than {_MOST_STEPS:,} values")
         given = list(range(first, last + 1))
     if not isinstance(given, list) or not given:
-        raise ScenarioError(f'axes.{key} = {given!r}: expected a list of values, or a range such as "1..10"')
+        what = 'expected a list of values, or a range such as "1..10"'
+        raise ScenarioError(f"axes.{shown(key)} = {shown(repr(given))}: {what}")
     return given
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.messages import ACK, MapChunk, ScanReport, Update
+from agents.policies import policy_class
 from agents.robot import Robot
 from bus.codec import pack
 from deploy.scenario import load
@@ -63,7 +64,7 @@ def payload(rng: random.Random, tick: int, src: int) -> bytes:
 def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     rng = random.Random(seed)
     scenario = load("three_cells", {"policy": policy, "radio.model": "disk_los"})
-    robot = Robot(scenario.robot_config(1), 0, 0)
+    robot = Robot(scenario.robot_config(1), policy_class(policy), random.Random(seed), 0, 0)
     ranges = np.full(180, 5.0)
     for tick in range(LAST_TICK):
         heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(8), 3))]
@@ -78,7 +79,7 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
 @given(seed=st.integers(0, 2**32))
 def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:
     rng = random.Random(seed)
-    station = Station(load("three_cells").station_config(), 0, 0)
+    station = Station(load("three_cells").station_config(), random.Random(1), 0, 0)
     for tick in range(LAST_TICK):
         heard = [(src, -60.0, payload(rng, tick, src)) for src in sorted(rng.sample(range(1, 8), 3))]
         frames, report = station.step(
@@ -110,7 +111,8 @@ class Listener:
     """Robot 1, which hears what it is told, one tick after another."""
 
     def __init__(self, policy: str = "vds", **overrides: Any) -> None:
-        self.robot = Robot(load("three_cells", {"policy": policy} | overrides).robot_config(1), 0, 0)
+        config = load("three_cells", {"policy": policy} | overrides).robot_config(1)
+        self.robot = Robot(config, policy_class(policy), random.Random(1), 0, 0)
         self.tick = 0
         self.heard: list[Reception] = []
 

@@ -21,6 +21,8 @@ from world.terms import UNREACHABLE
 @dataclass(frozen=True)
 class OneVictim:
     victims_m: tuple[tuple[float, float], ...] = ((1.0, 2.0),)
+    unreachable: float = 0.25
+    unreachable_of: tuple[float, ...] = (0.0, 1 / 3)
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def test_without_last_counts_the_snapshots_speak(folder: RunFolder) -> None:
     unknown = dict.fromkeys(("made", "buffered", "discarded", "lost", "foreign"))
     assert summary["scan_reports"] == unknown | {"merged": 2}
     assert summary["victims"] == {"placed": 1, "found": 0}
+    assert summary["unreachable"] == {"floor": 0.25, "cells": {"a": 0.0, "b": 0.333333}}
     assert json.loads((folder.path / "summary.json").read_text()) == summary
 
 

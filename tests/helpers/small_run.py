@@ -36,6 +36,7 @@ from world.core import World
 from world.feed import Event, Signal, Snapshot, unpack_feed
 from world.grid import UNKNOWN, GridGeometry
 from world.messages import Motion, Report, Sense, Status, Stop
+from world.terms import STATION
 
 # Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -50,7 +51,9 @@ GRID = GridGeometry(80, 80)
 class Speaker:
     """Stands for a robot or the station: sends its incarnation and the number of frames that it heard."""
 
-    def __init__(self, config: Any, incarnation: int, first_tick: int) -> None:  # noqa: ARG002  # the core's signature
+    def __init__(self, *core: Any) -> None:
+        """What a core is given: its configuration and more, then its incarnation and its first tick."""
+        *_, incarnation, _ = core
         self._incarnation = incarnation
 
     def _frames(self, inbox: Inbox | None) -> tuple[Frame, ...]:
@@ -91,13 +94,14 @@ class StationSpeaker(Speaker):
 def robot_process(node: int, login: Login, good: bool, log: str) -> None:
     _into(log)
     agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
-    agents.process.run(SimpleNamespace(node=node, lidar_beams=Lidar().beams, robots=9), login)  # type: ignore[arg-type]
+    config = SimpleNamespace(node=node, seed=1, policy="vds", lidar_beams=Lidar().beams, robots=9)
+    agents.process.run(config, login)  # type: ignore[arg-type]
 
 
 def station_process(login: Login, out: str, log: str) -> None:
     _into(log)
     monitor_station.process.Station = StationSpeaker  # type: ignore[attr-defined,misc,assignment]
-    config = SimpleNamespace(node=SimpleNamespace(geometry=GRID, robots=9))
+    config = SimpleNamespace(node=SimpleNamespace(node=STATION, seed=1, geometry=GRID, robots=9))
     monitor_station.process.run(config, login, None, Path(out))  # type: ignore[arg-type]
 
 

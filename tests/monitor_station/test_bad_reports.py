@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def reported(origin: int, number: int, cells: Any, incarnation: int = 0, victims
 
 
 def station_after(*heard: Reception, tick: int = 20) -> Station:
-    station = Station(load("three_cells").station_config(), 0, 0)
+    station = Station(load("three_cells").station_config(), random.Random(1), 0, 0)
     for now in range(tick + 1):
         station.step(Sense(now, now == 0, 0, 28.0, 35.0), Inbox(now, heard if now == tick else ()) if now else None)
     return station
@@ -63,7 +64,7 @@ def test_who_speaks_in_the_name_of_another_shows_in_the_counts() -> None:
     assert lost_reports(world["acknowledged"], final) == 2, "2 and 3 are not on the map"
     assert foreign_reports(world["made"], final) == 1, "9 is, but nobody made it"
     # A station that comes back counts the same.
-    back = Station(load("three_cells").station_config(), 1, 21)
+    back = Station(load("three_cells").station_config(), random.Random(1), 1, 21)
     journal = station.journal()
     assert back.restore(journal) == len(journal)
     assert back.final() == final
@@ -72,6 +73,6 @@ def test_who_speaks_in_the_name_of_another_shows_in_the_counts() -> None:
 def test_a_spoiled_journal_costs_what_is_spoiled_and_no_more() -> None:
     journal = bytearray(station_after(reported(4, 1, [1]), reported(4, 2, [2])).journal())
     journal[12] ^= 0xFF
-    back = Station(load("three_cells").station_config(), 1, 21)
+    back = Station(load("three_cells").station_config(), random.Random(1), 1, 21)
     assert back.restore(bytes(journal)) == len(journal)
     assert (back.final()["merged"], back.final()["bad_frames"]) == (1, 1)

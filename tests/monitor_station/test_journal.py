@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from deploy.scenario import load
 from deploy.simulation import Simulation
 from monitor_station.core import Station
-from monitor_station.process import next_part
+from monitor_station.recording.feeder import next_part
 from tests import ROOT
 
 TICKS = 150
@@ -26,7 +27,7 @@ def mission() -> tuple[Station, bytes, Station]:
         assert simulation.station is not None
         journal += simulation.station.journal()
     assert simulation.station is not None
-    return simulation.station, journal, Station(scenario.station_config(), 1, TICKS)
+    return simulation.station, journal, Station(scenario.station_config(), random.Random(1), 1, TICKS)
 
 
 def test_a_new_process_has_everything_that_was_acknowledged(mission: tuple[Station, bytes, Station]) -> None:
@@ -52,10 +53,12 @@ def test_a_record_that_was_cut_off_is_left_out() -> None:
         records += [record for record in [simulation.station.journal()] if record]
     whole = b"".join(records[:2])
     for cut in (1, 7, 8, 9, len(records[2]) - 1):
-        station = Station(scenario.station_config(), 1, TICKS)
+        station = Station(scenario.station_config(), random.Random(1), 1, TICKS)
         kept = station.restore(whole + records[2][:cut])
         assert len(whole) <= kept < len(whole) + len(records[2])
-        assert Station(scenario.station_config(), 1, TICKS).restore((whole + records[2])[:kept]) == kept
+        assert (
+            Station(scenario.station_config(), random.Random(1), 1, TICKS).restore((whole + records[2])[:kept]) == kept
+        )
 
 
 def test_each_process_of_a_station_records_a_part_of_its_own(tmp_path: Path) -> None:
