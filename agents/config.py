@@ -1,4 +1,4 @@
-"""What a robot knows before it starts: its own constants. It knows neither the true map nor the other robots."""
+"""What a robot knows before it starts: its own constants. Of the other robots it knows the number."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from annotated_types import Ge, Le
 
 from world.config import MOST, NotNegative, Positive
 from world.grid import GridGeometry
+from world.terms import MAX_NODE
 
 Ticks = Annotated[int, Ge(0), Le(MOST)]
 Count = Annotated[int, Ge(1), Le(MOST)]
@@ -213,6 +214,8 @@ class RobotConfig:
     loss_1m_db: float
     exponent: float
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
+    robots: int = MAX_NODE
+    """N: robots are 1..N, and whoever is named beyond does not exist."""
     power_smoothing_s: float = 0.0
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0

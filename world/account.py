@@ -73,6 +73,7 @@ class Account:
     def __init__(self, config: WorldConfig, roster: Roster) -> None:
         self._roster = roster
         self._cell_names = config.cell_names
+        self._victims = len(config.victims_m)
         self._nodes = np.arange(1, config.robots + 1, dtype=np.int16)
         self._recoveries = Recoveries(config.station_m)
         # What robots and station said last.
@@ -86,8 +87,8 @@ class Account:
         self.snapshot = self._photograph(_Closed(0, self._present(), starts_m, None, ()))
         self._told = Told(self.snapshot, ())
         # Counts over the run.
-        self._made_before = [0] * config.robots
-        """Scan reports that earlier incarnations made."""
+        self._made_before: dict[str, int] = {}
+        """Scan reports that earlier incarnations made, by "robot/incarnation"."""
         self._discarded_before = [0] * config.robots
         self._connectivity = Connectivity()
 
@@ -107,8 +108,9 @@ class Account:
         """Begin a new incarnation of a node: its predecessor's last status holds no longer, but its reports count."""
         if node == STATION:
             return
-        past = self._statuses[node - 1]
-        self._made_before[node - 1] += past.reports_made
+        past, incarnation = self._statuses[node - 1], self._roster.incarnation(node)
+        if past.reports_made:
+            self._made_before[f"{node}/{incarnation - 1}"] = past.reports_made
         self._discarded_before[node - 1] += past.reports_discarded
         self._statuses[node - 1] = Status()
 
@@ -155,15 +157,21 @@ class Account:
         """What the summary takes from here; `faults` are those that acted, in the form that a scenario accepts."""
         self.settle()
         statuses = self._statuses
+        made = self._made_before | {
+            f"{node}/{self._roster.incarnation(node)}": s.reports_made
+            for node, s in enumerate(statuses, 1)
+            if s.reports_made
+        }
         present = {node: s for node, s in enumerate(statuses, 1) if self._roster.present(node)}
         return {
             "connected_fraction": self._connectivity.fraction,
             "max_hops": self._connectivity.max_hops,
             "scan_reports": {
-                "made": sum(self._made_before) + sum(s.reports_made for s in statuses),
+                "made": sum(made.values()),
                 "buffered": sum(s.reports_buffered for s in present.values()),
                 "discarded": sum(self._discarded_before) + sum(s.reports_discarded for s in statuses),
             },
+            "made": made,
             "acknowledged": {
                 str(node): [self._roster.incarnation(node), s.reports_made - s.reports_buffered]
                 for node, s in present.items()
@@ -188,7 +196,9 @@ class Account:
         for status in statuses:
             targets_m += (status.target_x_m, status.target_y_m)
         if report is not None:
-            self._reported = (report.search_rate, report.merged, report.victims_found)
+            # A robot may have told the MS of victims that nobody placed.
+            found = tuple(victim for victim in report.victims_found if victim < self._victims)
+            self._reported = (report.search_rate, report.merged, found)
         return Snapshot(
             closed.tick,
             self._nodes,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from world.config import Fault
-from world.faults import check_fault, parse_fault
+from world.faults import check_fault, describe, parse_fault
 from world.pace import Pace
 
 __all__ = ["Control"]
@@ -33,7 +33,7 @@ class Control:
         except ValueError as error:
             return json.dumps({"error": str(error)})
         self._faults.append(fault)
-        return json.dumps(self._status() | {"fault": rest})
+        return json.dumps(self._status() | {"fault": describe(fault)})
 
     def take(self) -> list[Fault]:
         """Faults by hand since the last call."""

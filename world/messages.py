@@ -12,7 +12,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, all_finite, boolean, column, finite, head, integer, pack, text, unpack
+from bus.codec import (
+    WireError,
+    all_finite,
+    boolean,
+    column,
+    coordinate,
+    finite,
+    head,
+    integer,
+    pack,
+    places,
+    share,
+    text,
+    unpack,
+)
 from world.terms import MAX_NODE, MAX_TICK, NOBODY, UNREACHABLE, Cls, Mode
 
 _SENSE: Final = struct.Struct("<I?HIdd")
@@ -66,8 +80,11 @@ class Sense:
         return fixed + ranges + pack((self.victims,)) if self.victims else fixed + ranges
 
     @staticmethod
-    def decode(data: bytes) -> Sense:
+    def decode(data: bytes, lidar_beams: int | None = None) -> Sense:
+        """`lidar_beams`: how many ranges a scan has; None = any number."""
         tick, first, incarnation, beams, x, y = head(_SENSE, data)
+        if beams not in (_NO_SCAN, beams if lidar_beams is None else lidar_beams):
+            raise WireError("a scan of another lidar")
         end = _SENSE.size if beams == _NO_SCAN else _SENSE.size + 8 * beams
         ranges = None if beams == _NO_SCAN else column(data[_SENSE.size : end], _F8, beams)
         if ranges is not None and not all_finite(ranges):
@@ -77,8 +94,8 @@ class Sense:
             integer(tick, 0, MAX_TICK),
             first,
             integer(incarnation, 0, MAX_NODE),
-            finite(x),
-            finite(y),
+            coordinate(x),
+            coordinate(y),
             ranges,
             victims,
         )
@@ -92,7 +109,7 @@ def sightings(raw: Any) -> tuple[tuple[int, float, float], ...]:
     for item in raw:
         if not isinstance(item, list) or len(item) != 3:
             raise WireError("a victim is not (id, x, y)")
-        out.append((integer(item[0], 0, MAX_NODE), finite(item[1]), finite(item[2])))
+        out.append((integer(item[0], 0, MAX_NODE), coordinate(item[1]), coordinate(item[2])))
     return tuple(out)
 
 
@@ -168,8 +185,9 @@ class Motion:
         tick, vx, vy, cls, nms, msr, nmsr, hops, mode, x, y, made, buffered, discarded = head(_MOTION, data)
         status = Status(
             integer(cls, 0, 1), integer(nms, NOBODY, MAX_NODE), integer(msr, NOBODY, MAX_NODE),
-            integer(nmsr, NOBODY, MAX_NODE), hops, integer(mode, 0, len(Mode) - 1), finite(x), finite(y),
-            integer(made, 0, MAX_TICK), integer(buffered, 0, MAX_TICK), integer(discarded, 0, MAX_TICK),
+            integer(nmsr, NOBODY, MAX_NODE), hops, integer(mode, 0, len(Mode) - 1),
+            coordinate(x), coordinate(y),
+            integer(made, 0, MAX_TICK), integer(buffered, 0, made), integer(discarded, 0, MAX_TICK),
         )  # fmt: skip
         return Motion(integer(tick, 0, MAX_TICK), finite(vx), finite(vy), status)
 
@@ -215,7 +233,7 @@ class Report:
         return Report(
             integer(tick, 0, MAX_TICK),
             boolean(searched),
-            tuple(finite(r) for r in rates),
+            tuple(share(r) for r in rates),
             integer(merged, 0, MAX_TICK),
             tuple(integer(v, 0, MAX_NODE) for v in found),
             boolean(silent),
@@ -266,10 +284,11 @@ class Positions:
     def decode(data: bytes) -> Positions:
         tick, nodes, xy, jams, loss = unpack(data, 5)
         ids = column(nodes, _I2)
-        places = column(xy, _F8, 2 * len(ids)).reshape(-1, 2)
-        if not all_finite(places) or not isinstance(jams, list):
-            raise WireError("positions are not finite, or jams not a list")
-        return Positions(integer(tick, 0, MAX_TICK), ids, places, tuple(_jam(j) for j in jams), finite(loss))
+        if (ids < 0).any() or (ids[1:] <= ids[:-1]).any() or not isinstance(jams, list):
+            raise WireError("nodes are not ascending, or jams not a list")
+        return Positions(
+            integer(tick, 0, MAX_TICK), ids, places(xy, _F8, len(ids)), tuple(_jam(j) for j in jams), share(loss)
+        )
 
 
 def _jam(raw: Any) -> Jam:
@@ -279,7 +298,7 @@ def _jam(raw: Any) -> Jam:
     if region is not None:
         if not isinstance(region, list) or len(region) != 4:
             raise WireError("a region is x0, y0, x1, y1")
-        x0, y0, x1, y1 = (finite(v) for v in region)
+        x0, y0, x1, y1 = (coordinate(v) for v in region)
         return Jam(region_m=(x0, y0, x1, y1))
     if not isinstance(pair, list) or len(pair) != 2:
         raise WireError("a pair is two nodes")

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
+from bus.excerpt import shown
 from world.terms import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
@@ -80,7 +81,7 @@ class Pace:
                     self._steps = 0
                 case ["step"]:
                     self._steps = 1
-                case ["step", count] if count.isdecimal() and int(count) > 0:
+                case ["step", count] if count.isdecimal() and len(count) < 10 and int(count) > 0:
                     self._steps = int(count)
                 case ["go"]:
                     self._steps = self._base = None
@@ -90,7 +91,7 @@ class Pace:
                 case ["interrupt"]:
                     self.interrupted = True
                 case _:
-                    raise ValueError(f"unknown command {' '.join(words)!r}, expected {COMMANDS}")
+                    raise ValueError(f"unknown command '{shown(' '.join(words))}', expected {COMMANDS}")
 
 
 def _speed(text: str) -> float:
@@ -101,5 +102,5 @@ def _speed(text: str) -> float:
     except ValueError:
         speed = math.nan
     if not (math.isfinite(speed) and speed > 0):
-        raise ValueError(f"speed {text!r} is neither max nor a number above 0")
+        raise ValueError(f"speed '{shown(text)}' is neither max nor a number above 0")
     return speed

@@ -26,6 +26,7 @@ from world.config import WorldConfig
 from world.control import Control
 from world.core import Begin, Core, World
 from world.feed import Event
+from world.limits import decode_word
 from world.messages import Departed, Motion, Report, Stop
 from world.pace import Pace
 from world.silence import RunError, Silence
@@ -283,7 +284,7 @@ class Shell:
             if self._attendance.token(node):
                 self._refuse(node, token)
             return
-        message = Report.decode(motion) if node == STATION else self._motion(motion)
+        message = decode_word(node, motion, self._config)
         if message.tick != tick:
             raise WireError(f"a motion of tick {message.tick} in an answer of tick {tick}")
         if left and tick == self._gather.tick:
@@ -293,13 +294,6 @@ class Shell:
                 self._refuse(node, token)  # another process has its seat by now
         if seated and (tick != self._gather.tick or not self._gather.add(node, message)):
             self._attendance.heard(node, token)
-
-    def _motion(self, body: bytes) -> Motion:
-        motion = Motion.decode(body)
-        status = motion.status
-        if max(status.nms, status.msr, status.nmsr) > self._config.robots:
-            raise WireError("a status names a node that is not in this run")
-        return motion
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         token = self._session.keys.token_of(key)

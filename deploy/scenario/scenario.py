@@ -113,6 +113,7 @@ class Scenario:
             tx_power_dbm=radio.tx_power_dbm,
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
+            robots=tables.robots,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             policy=tables.policy,

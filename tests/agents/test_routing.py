@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agents.dsdv import Router
+from agents.forwarding_table import freshness_of
 from agents.link_quality import LinkQuality
 from agents.messages import Update
 from deploy.scenario import load
@@ -217,16 +218,16 @@ def test_equal_hop_counts_do_not_flap() -> None:
     """Two neighbors offer the same: whoever was taken first stays."""
     rng = random.Random(0)
     me = Router(router_config(1), rng, 0)
-    for tick in range(1, 20):
+    for tick in range(5, 24):
         offers = []
         for neighbor in (2, 3):
             other = Router(router_config(neighbor), rng, 0)
-            other.announce_self(tick, (0.0, 5.0), Cls.SR, (0.0, 0.0))
-            other.table.set_route(7, 2 * tick * 256 + 255 - 3, 9)
+            other.announce_self(tick - 1, (0.0, 5.0), Cls.SR, (0.0, 0.0))
+            other.table.set_route(7, freshness_of(2 * (tick - 4), 3), 9)
             other.table.set_inherent(7, Cls.SR, (1.0, 1.0), (1.0, 1.0))
             offers.append((neighbor, power_dbm(5.0), update_of(other, NOBODY)))
         # Node 3 alone at first, then 2 as well, whose id is lower.
-        me.step(tick, offers[1:] if tick < 5 else offers)
+        me.step(tick, offers[1:] if tick < 9 else offers)
         assert me.table.next_hop_to(7) == 3
 
 

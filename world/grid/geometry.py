@@ -37,9 +37,20 @@ class GridGeometry:
     def size(self) -> int:
         return self.rows * self.cols
 
+    def blank(self, free_m: tuple[float, float, float, float]) -> NDArray[np.int8]:
+        """(size,) cells of a map that knows nothing but that a rectangle is free: x0, y0, x1, y1."""
+        cells: NDArray[np.int8] = np.full(self.size, UNKNOWN, np.int8)
+        cells[self.rectangle(*free_m)] = FREE
+        return cells
+
     def holds(self, cells: NDArray[np.uint32]) -> bool:
         """Whether all of these flat indices are cells."""
         return not cells.size or int(cells.max()) < self.size
+
+    def covers(self, x_m: float, y_m: float) -> bool:
+        """Whether a place lies on the grid."""
+        x1_m, y1_m = self.x0_m + self.cols * self.resolution_m, self.y0_m + self.rows * self.resolution_m
+        return self.x0_m <= x_m <= x1_m and self.y0_m <= y_m <= y1_m
 
     def index(self, x_m: float, y_m: float) -> int:
         """Flat index of the cell that holds a point; points outside are clamped to the border cells."""
