@@ -6,7 +6,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench bench-compiled acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled acceptance chaos study clean
 
 setup: $(STAMP)
 
@@ -43,6 +43,13 @@ bench: setup
 
 bench-compiled: compiled
 	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m tests.bench $(ARGS)
+
+# All property tests with twenty times their examples. ARGS='-k no_loop --examples-times 2000' is the long run of routing.
+properties: setup
+	$(BIN)/python -m pytest -m hypothesis --examples-times 20 --timeout 0 $(ARGS)
+
+properties-compiled: compiled
+	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m pytest $(CURDIR)/tests -c $(CURDIR)/pyproject.toml -m hypothesis --examples-times 20 --timeout 0 $(ARGS)
 
 acceptance: setup
 	$(BIN)/python -m tests.acceptance $(ARGS) | tee docs/acceptance.md

@@ -1,4 +1,4 @@
-"""What a robot knows before it starts: its own constants. It knows neither the true map nor the other robots."""
+"""What a robot knows before it starts: its own constants. Of the other robots it knows the number."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from annotated_types import Ge, Le
 
 from world.config import MOST, NotNegative, Positive
 from world.grid import GridGeometry
+from world.terms import MAX_NODE
 
 Ticks = Annotated[int, Ge(0), Le(MOST)]
 Count = Annotated[int, Ge(1), Le(MOST)]
@@ -20,7 +21,7 @@ _MOST_POWER: Final = 300.0
 """Of ten, that is still a number."""
 
 POWER_SMOOTHING_S: Final = 1.0
-"""Over which robots average the power that they receive, where shadowing makes it jump."""
+"""Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ class Scouting:
     """Loss per wall that the robots believe in; None: that of `[radio]`."""
 
     def wall_factor(self, model: str, wall_loss_db: float, exponent: float) -> float:
-        """How many times farther away one wall makes a node seem, as the robots believe.
+        """Factor by which one wall makes a node seem farther away, as the robots believe.
 
         Args:
             model: of the radio: disk, disk_los or log_distance.
@@ -181,10 +182,10 @@ class Rules:
     scouting: Scouting = field(default_factory=Scouting)
 
     def check(self) -> None:
-        """Check what no field can say alone.
+        """Check the rules that concern several fields.
 
         Raises:
-            ValueError: one line that says what is wrong, the keys relative to the rules' table.
+            ValueError: one line that says what is wrong, with keys relative to `[rules]`.
         """
         routing, exploring = self.routing, self.exploring
         if not routing.r_in_share < routing.r_out_share <= 1:
@@ -213,6 +214,8 @@ class RobotConfig:
     loss_1m_db: float
     exponent: float
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
+    robots: int = MAX_NODE
+    """N: robots are 1..N, and whoever is named beyond does not exist."""
     power_smoothing_s: float = 0.0
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0

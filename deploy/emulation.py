@@ -17,9 +17,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
+from bus.codec import WireError
+from bus.excerpt import shown
 from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
+from deploy.json_file import read_table
 from deploy.processes.operator_file import read_operator
 from deploy.scenario import load
 from world.faults import parse_fault
@@ -109,11 +112,8 @@ class Emulation:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name: launcher, world, medium, station, robot/1, ..."""
-        try:
-            pids: dict[str, int] = json.loads((self.folder / "pids.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        return pids
+        file = self.folder / "pids.json"
+        return read_table(file) if file.exists() else {}
 
     @property
     def over(self) -> bool:
@@ -177,9 +177,9 @@ class Emulation:
             self.wait_until(lambda: self.over, 600.0)
             self._take_in(0.0)
             try:
-                self._summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
-            except FileNotFoundError:
-                raise EmulationError(f"the run left no summary: {self._tail()}") from None
+                self._summary = read_table(self.folder / "summary.json")
+            except ValueError as error:
+                raise EmulationError(f"the run left no summary: {error}: {self._tail()}") from None
         return self._summary
 
     # Acting
@@ -206,9 +206,9 @@ class Emulation:
             assert self._session is not None
             told: dict[str, Any] = json.loads(self._session.ask(self._session.keys.control, words, timeout_s=10.0))
         except BusError as error:
-            raise EmulationError(f"{words!r}: {error}") from error
+            raise EmulationError(f"'{shown(words)}': {error}") from error
         if "error" in told:
-            raise EmulationError(f"{words!r}: {told['error']}")
+            raise EmulationError(f"'{shown(words)}': {shown(told['error'], 300)}")
         return told
 
     def stop(self) -> dict[str, Any]:
@@ -245,7 +245,7 @@ class Emulation:
                 raise EmulationError(f"the run did not start: {self._tail()}")
             if time.monotonic() > deadline:
                 raise EmulationError(f"no run within {_START_S:g} s: {self._tail()}")
-            with contextlib.suppress(FileNotFoundError, BusError):
+            with contextlib.suppress(ValueError, BusError):
                 self._session = Session.connect(read_operator(self.folder), watching=True)
                 continue
             time.sleep(_SLICE_S)
@@ -274,10 +274,11 @@ class Emulation:
             key, payload = message
             if payload is None:
                 continue
-            if Keys.kind_of(key)[0] == "feed":
-                self.snapshots += unpack_feed(payload)
-            else:
-                self.events.append(Event.decode(payload))
+            with contextlib.suppress(WireError):
+                if Keys.kind_of(key)[0] == "feed":
+                    self.snapshots += unpack_feed(payload)
+                else:
+                    self.events.append(Event.decode(payload))
 
     def _tail(self) -> str:
         if self._words.closed:

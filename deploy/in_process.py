@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from deploy.processes.collector import collect_rarely
 from deploy.simulation import Observer, Simulation
-from world.map_file import save_map
+from world.grid.map_file import save_map
 
 if TYPE_CHECKING:
     from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
-    from deploy.screen.live_table import View
+    from deploy.screen.view import View
     from world.feed import Event, Snapshot
 
 __all__ = ["run_in_process"]

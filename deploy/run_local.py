@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deploy.command import Parser
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
-    from deploy.screen.live_table import View
+    from deploy.screen.view import View
 
 
 class BadInputError(Exception):
@@ -187,7 +187,9 @@ def _run(
 
 
 def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
-    from deploy.screen.live_table import LiveTable, PlainLines, Silence
+    from deploy.screen.live_table import LiveTable
+    from deploy.screen.plain_lines import PlainLines
+    from deploy.screen.view import Silence
 
     if options.quiet:
         return Silence()

@@ -11,6 +11,11 @@ from agents.config import RobotConfig
 from world.grid import GridGeometry
 
 
+def cell_title(name: str) -> str:
+    """Name of a search cell as people read it: it tells a cell from a robot where the scenario only numbers them."""
+    return f"Cell {name}" if name.isdigit() else name
+
+
 @dataclass(frozen=True)
 class SearchCell:
     """A space whose reconnaissance is measured [paper 7.1, 8.1]."""

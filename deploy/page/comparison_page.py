@@ -6,7 +6,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Final
 
-from deploy.page.html import card, cell_name, number, page, percent, seconds, table
+from deploy.page.html import card, number, page, percent, seconds, table
 from deploy.page.run_page import (
     connected_card,
     faults_card,
@@ -19,6 +19,7 @@ from deploy.page.run_page import (
     victims_card,
 )  # fmt: skip
 from deploy.run_folder.reader import Run
+from monitor_station.config import cell_title
 
 __all__ = ["comparison_page"]
 
@@ -62,7 +63,7 @@ def _difference_card(a: Run, b: Run) -> str:
         if name != "all":
             first, second = a.table("search_time_s").get(name), b.table("search_time_s").get(name)
             rows.append([
-                f"{escape(cell_name(name))} searched after", seconds(first), seconds(second),
+                f"{escape(cell_title(name))} searched after", seconds(first), seconds(second),
                 _difference(first, second, seconds),
             ])  # fmt: skip
     same = a.summary.get("trace_sha256") == b.summary.get("trace_sha256") is not None

@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
-__all__ = ["UNKNOWN", "card", "cell_name", "milliseconds", "number", "page", "percent", "say", "seconds", "table"]
+__all__ = ["UNKNOWN", "card", "milliseconds", "number", "page", "percent", "say", "seconds", "table"]
 
 _CSS: Final = Path(__file__).with_name("report.css")
 UNKNOWN: Final = "\u2013"
@@ -65,10 +65,6 @@ def percent(value: object, digits: int = 0) -> str:
     if value < 1 and float(shown) >= 100:
         return f"{100 - 10**-digits:.{digits}f} %" if digits else "99 %"
     return f"{shown} %"
-
-
-def cell_name(name: str) -> str:
-    return f"Cell {name}" if name.isdigit() else name
 
 
 def card(title: str, body: str, kind: str = "") -> str:

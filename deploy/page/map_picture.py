@@ -14,6 +14,7 @@ from PIL import Image
 
 from deploy.page.charts import COLORS
 from deploy.run_folder.reader import Run
+from monitor_station.config import cell_title
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 __all__ = ["MAP_KEY", "map_picture"]
@@ -84,7 +85,7 @@ def _cells(plan: _Plan) -> Iterator[str]:
     ):
         left, top = plan.x(x0), plan.y(y1)
         width, height = (x1 - x0) * plan.scale, (y1 - y0) * plan.scale
-        label = f"Cell {name}" if name.isdigit() else name
+        label = cell_title(name)
         yield (
             f'<rect class="cell s{i % COLORS}" x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" '
             f'height="{height:.1f}"/><text class="cell-name t{i % COLORS}" x="{left + width / 2:.1f}" '

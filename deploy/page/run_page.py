@@ -9,10 +9,11 @@ from html import escape
 from typing import Any, Final
 
 from deploy.page.charts import Bar, Line, Mark, bar_chart, legend, line_chart
-from deploy.page.html import card, cell_name, milliseconds, number, page, percent, say, seconds, table
+from deploy.page.html import card, milliseconds, number, page, percent, say, seconds, table
 from deploy.page.map_picture import MAP_KEY, map_picture
 from deploy.run_folder.reader import Run
 from deploy.scenario.tables import ScenarioError, validate_fault
+from monitor_station.config import cell_title
 from world.faults import describe
 
 __all__ = ["repeat_command", "report_page"]
@@ -126,7 +127,7 @@ def map_card(run: Run, title: str = "Map at the end") -> str:
 def _cells_card(run: Run) -> str:
     times = run.table("search_time_s")
     rows = [
-        [escape(cell_name(name)), percent(rate, 1), seconds(times.get(name))]
+        [escape(cell_title(name)), percent(rate, 1), seconds(times.get(name))]
         for name, rate in run.table("search_rate").items()
     ]
     return card("Search cells", table(["cell", "searched", "all of it after"], rows, numbers=(1, 2)))
@@ -134,7 +135,7 @@ def _cells_card(run: Run) -> str:
 
 def search_card(runs: Sequence[Run]) -> str:
     lines = [
-        _line(runs, which, cell_name(name), rates, i, percent(run.table("search_rate").get(name)))
+        _line(runs, which, cell_title(name), rates, i, percent(run.table("search_rate").get(name)))
         for which, run in enumerate(runs)
         for i, (name, rates) in enumerate(run.search_rates.items())
     ]

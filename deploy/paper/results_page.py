@@ -28,27 +28,27 @@ POLICIES: Final = ("policies", "policies_walls", "policies_trouble", "policies_p
 _HEAD: Final = """\
 # Results
 
-Written by `deploy/study.py report` from the tables of the studies; every number and verdict below is computed.
+Written by `deploy/study.py report` from the results of the studies; every number and verdict below is computed.
 
-The text of the paper at hand lacks its figures, and its Fig. 3 (the flow of behavior) and Fig. 5 (the floor plan) with
-them. Our floor plan and our reading of the rules are reconstructions, so what can be compared with the paper is the
-shape of the curves, that is, what its text says of them; its numbers can't be known. Numbers are compared with those of
-an independent prototype on the same floor plan, which differs from the emulator in that all its robots share one map at
-once, while here scans travel hop by hop. Intervals are 95 % confidence intervals of the mean (Student's t).
+Our copy of the paper has no figures, so its Fig. 3 (the flowchart of behavior) and Fig. 5 (the floor plan) are missing.
+Our rules and floor plan are reconstructions ([paper.md](paper.md)). What can be compared is the shape of the curves,
+as the paper's text describes it; its numbers are not known. Numbers are compared with those of an independent prototype
+on the same floor plan. All robots of the prototype share one map at once, while here scans travel hop by hop. Intervals
+are 95 % confidence intervals of the mean (Student's t).
 """
 
 
 _POLICIES_HEAD: Final = """\
 # Two policies
 
-Written by `deploy/study.py report` from the tables of the studies; every number is computed.
+Written by `deploy/study.py report` from the results of the studies; every number is computed.
 
-`vds` is the paper's policy as we read it (`agents/vds.py`), with one rule of ours that it cannot do without behind
-walls: a neighbor that is silent counts as far away. `scout` (`agents/scout.py`) is our own on top of it: robots
-predict, from their own maps, where walls will stop the radio, call for help when their chain is too short, and hurry
-where nothing is to be seen. **Part of its gain is walking faster**: it walks at 2 km/h, which the paper keeps for
-tracing other robots. So where the two are compared there are two numbers for `scout`, one of them at the paper's 1
-km/h. Intervals are 95 % confidence intervals of the mean (Student's t), of ratios those of the ratio of two means over
+`vds` is the paper's policy as we read it ([paper.md](paper.md)), with one rule of ours that it cannot do without behind
+walls: a silent neighbor counts as far away [paper 3.7]. `scout` is our own policy on top of it ([its rules](scout.md)):
+robots predict from their maps where walls will stop the radio, call for help when their chain is too short, and walk
+faster where there is nothing to see. **Part of its gain is walking faster**: it walks at 2 km/h, which the paper keeps
+for tracing other robots. So where the two are compared there are two numbers for `scout`, one of them at the paper's 1
+km/h. Intervals are 95 % confidence intervals: of a mean by Student's t, of a ratio those of the ratio of two means over
 the same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
 "walls block, no rule A"). Here scans count as soon as they arrive, even if their robot was cut off meanwhile
 (`store_and_forward = true`); the paper's figures discard those.

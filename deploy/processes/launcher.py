@@ -19,10 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import msgpack
-
 from bus.access import credentials, users_of
-from bus.codec import WireError
+from bus.codec import WireError, unpack_map
 from bus.keys import Keys, check_run
 from bus.member import LATE_STOP_S, LOST_STATUS
 from bus.nodes import process_name, user_name
@@ -38,7 +36,7 @@ from world.terms import STATION, TICK_S
 
 if TYPE_CHECKING:
     from deploy.scenario import Scenario
-    from deploy.screen.live_table import View
+    from deploy.screen.view import View
 
 __all__ = ["Launcher", "Outcome", "run_name"]
 
@@ -327,10 +325,7 @@ class Launcher:
         elif kind == "signal":
             self._carry_out(Signal.decode(payload))
         elif kind == "final":
-            try:
-                self._finals[rest] = msgpack.unpackb(payload, strict_map_key=False)
-            except (ValueError, msgpack.UnpackException) as error:
-                raise WireError(f"not msgpack: {error}") from error
+            self._finals[rest] = unpack_map(payload)
             self._owed.discard(rest)
             if rest == "world":
                 self._world_ended()
@@ -350,6 +345,8 @@ class Launcher:
 
     def _carry_out(self, order: Signal) -> None:
         supervisor, name = self._supervisor, process_name(order.node)
+        if order.node > self._scenario.robots:
+            raise WireError("a signal for a node that there is not")
         if supervisor is None:
             return
         if order.verb == "spawn":

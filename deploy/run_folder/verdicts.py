@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["lost_reports", "settle"]
+__all__ = ["foreign_reports", "lost_reports", "settle"]
 
 
 def settle(
@@ -35,14 +35,33 @@ def settle(
     return [dict(verdict) | {"scan_reports": _fate(verdict, acknowledged, complete)} for verdict in recoveries]
 
 
-def lost_reports(acknowledged: Mapping[str, Sequence[int]], complete: Mapping[str, int]) -> int:
-    """Scan reports that a robot living at the end no longer has and the MS never got: 0 unless something is broken.
+def lost_reports(acknowledged: Mapping[str, Sequence[int]], station: Mapping[str, Any]) -> int:
+    """Scan reports that are neither on the map nor with their living robot: 0 unless something is broken.
 
-    Arguments as for `settle`.
+    The MS may never have got them, or have taken something else under their number.
+
+    Args:
+        acknowledged: as for `settle`.
+        station: its last counts.
     """
-    return sum(
+    complete: Mapping[str, int] = station["complete"]
+    never = sum(
         max(0, upto - complete.get(f"{robot}/{incarnation}", 0)) for robot, (incarnation, upto) in acknowledged.items()
     )
+    return never + int(station["contradicted"])
+
+
+def foreign_reports(made: Mapping[str, int], station: Mapping[str, Any]) -> int:
+    """Scan reports that are on the map, but that no robot made: 0 unless one speaks in the name of another.
+
+    Args:
+        made: of each robot incarnation ("4/0"): how many reports it made, by its own count.
+        station: its last counts.
+    """
+    complete: Mapping[str, int] = station["complete"]
+    ahead: Mapping[str, Sequence[int]] = station["ahead"]
+    beyond = sum(max(0, number - made.get(source, 0)) for source, number in complete.items())
+    return beyond + sum(number > made.get(source, 0) for source, numbers in ahead.items() for number in numbers)
 
 
 def _fate(

@@ -9,8 +9,9 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final
 
+from bus.excerpt import shown
 from deploy.scenario.tables import ScenarioError, nearest
-from world.user_file import read_text, shown
+from world.user_file import read_text
 
 __all__ = ["located", "names", "parse_set", "read_source", "read_toml"]
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from world.feed import Snapshot
+from world.feed import Event, Snapshot
 from world.terms import Mode
 
 
@@ -79,3 +79,33 @@ class SteadyStates:
         self._shown = np.where(urgent | lasting, states, self._shown)
         self._settled = key if self._shown.tobytes() == key else None
         return self._shown
+
+
+class DisplayedStates:
+    """What recording and terminal show of each robot: its states as the world sees them, settled (`SteadyStates`)."""
+
+    def __init__(self) -> None:
+        self._paused: set[int] = set()
+        """Who takes no part, but is expected back."""
+        self._steady: SteadyStates | None = None
+
+    def hear(self, event: Event) -> bool:
+        """Learn from an event who is paused; False if it tells nothing of the kind."""
+        if event.kind != "fault":
+            return False
+        if event.data.get("verb") == "pause" or event.data.get("cause") == "unresponsive":
+            self._paused.add(event.node)
+        else:
+            self._paused.discard(event.node)
+        return True
+
+    def update(self, snapshot: Snapshot) -> NDArray[np.int64]:
+        """`State` of each robot to show at a tick, shape (n,)."""
+        if self._steady is None:
+            self._steady = SteadyStates(len(snapshot.nodes))
+        return self._steady.update(snapshot.tick, states_of(snapshot, self._paused))
+
+    @property
+    def settled(self) -> bool:
+        """Whether all states are shown as they are, and stay until something changes."""
+        return self._steady is not None and self._steady.settled

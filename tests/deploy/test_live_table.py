@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from deploy.ctl import question
-from deploy.screen.live_table import LiveTable, PlainLines, state_of
+from deploy.screen.live_table import LiveTable
+from deploy.screen.plain_lines import PlainLines
 from world.feed import Event, Snapshot
 from world.terms import NOBODY, UNREACHABLE, Cls, Mode
 
@@ -37,12 +38,14 @@ def console(*, terminal: bool) -> tuple[Console, io.StringIO]:
     return Console(file=shown, force_terminal=terminal, width=100, color_system=None), shown
 
 
-def test_states() -> None:
-    assert [state_of(AT_1_S, row, HERE) for row in range(3)] == ["relay", "search", "lost"]
-    assert state_of(AT_1_S, 1, {"robot/1": 101}) == "gone"
-    paused = replace(AT_1_S, present=np.array([1, 0, 1], np.uint8))
-    assert state_of(paused, 1, HERE) == "out"
-    assert state_of(paused, 0, None) == "relay", "in one process nobody has a pid"
+@pytest.mark.parametrize(("verb", "word"), [("pause", "paused"), ("kill", "dead"), ("restart", "dead")])
+def test_who_takes_no_part_is_called_paused_or_dead(verb: str, word: str) -> None:
+    terminal, shown = console(terminal=True)
+    table = LiveTable(terminal, ("north", "south"))
+    table.event(Event(9, "fault", 2, f"{verb}:2", {"verb": verb}))
+    table.snapshot(replace(AT_1_S, present=np.array([1, 0, 1], np.uint8)))
+    table.close()
+    assert any(" ".join(line.split()) == f"2 SR 2 1 - {word}" for line in shown.getvalue().splitlines())
 
 
 def test_the_table_shows_each_robot_and_each_cell() -> None:

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from deploy.scenario import Scenario, ScenarioError, load, names
 from tests.helpers.map_files import room_map
 from world.config import Fault
-from world.geometry import line_of_sight
 from world.grid import GridGeometry
-from world.map_file import save_map
+from world.grid.lines import line_of_sight
+from world.grid.map_file import save_map
 
 
 def same(a: Scenario, b: Scenario) -> bool:
@@ -45,7 +45,7 @@ def test_every_arena_of_the_paper_loads_and_fits(name: str) -> None:
     for start in world.starts_m.tolist():
         assert line_of_sight(world.occupied, world.geometry, tuple(start), world.station_m)
     for x, y in world.victims_m:
-        assert not world.occupied.ravel()[world.geometry.index(x, y)]
+        assert not world.occupied.ravel()[world.grid.lines.index(x, y)]
 
 
 def test_three_cells_is_the_arena_of_the_procedure() -> None:

@@ -17,7 +17,7 @@ from deploy.processes.launcher import Launcher
 from deploy.processes.supervisor import Supervisor
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.live_table import Silence
+from deploy.screen.view import Silence
 
 FAILS_AT_TICK = 30
 

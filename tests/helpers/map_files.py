@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from world.grid import FREE, OCCUPIED, GridGeometry
-from world.map_file import save_map
+from world.grid.map_file import save_map
 
 YAML = (
     "image: map.png\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

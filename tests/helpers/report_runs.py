@@ -9,7 +9,7 @@ from pathlib import Path
 from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.live_table import Silence
+from deploy.screen.view import Silence
 
 EVIL = "</script><script>alert(1)</script>\"'<img src=http://192.0.2.1/x onerror=alert(1)>"
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tests.helpers.map_files import YAML, one_line, write
-from world.floor_plan import connected_parts
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from world.map_file import digest_of_map, load_map, read_map, save_map
+from world.grid.floor_plan import connected_parts
+from world.grid.map_file import digest_of_map, load_map, read_map, save_map
 
 REAL = [folder for above in Path(__file__).resolve().parents if (folder := above / "shared" / "maps").is_dir()]
 """Where this machine has the maps of real buildings; they are not part of the repository."""

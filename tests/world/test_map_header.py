@@ -11,7 +11,7 @@ from PIL import Image
 
 from tests.helpers.map_files import METRES, ORIGIN, YAML, one_line, write
 from world.grid import FREE, OCCUPIED, GridGeometry
-from world.map_file import load_map, read_map
+from world.grid.map_file import load_map, read_map
 
 
 @pytest.mark.parametrize(

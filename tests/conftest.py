@@ -1,0 +1,18 @@
+"""More examples of each property, when they are asked for."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import is_hypothesis_test, settings
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--examples-times", type=int, default=1, metavar="N", help="N times the examples of each property")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
+    """A test's own number of examples would override that of a Hypothesis profile, so it is multiplied here."""
+    times = config.getoption("--examples-times")
+    for test in dict.fromkeys(item.obj for item in items if is_hypothesis_test(item.obj)):
+        own = test._hypothesis_internal_use_settings
+        test._hypothesis_internal_use_settings = settings(own, max_examples=times * own.max_examples)
