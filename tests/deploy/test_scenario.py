@@ -45,7 +45,7 @@ def test_every_arena_of_the_paper_loads_and_fits(name: str) -> None:
     for start in world.starts_m.tolist():
         assert line_of_sight(world.occupied, world.geometry, tuple(start), world.station_m)
     for x, y in world.victims_m:
-        assert not world.occupied.ravel()[world.grid.lines.index(x, y)]
+        assert not world.occupied.ravel()[world.geometry.index(x, y)]
 
 
 def test_three_cells_is_the_arena_of_the_procedure() -> None:
