@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from bus.codec import WireError
+from bus.excerpt import shown
 from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
@@ -27,7 +28,6 @@ from deploy.scenario import load
 from world.faults import parse_fault
 from world.feed import Event, Snapshot, unpack_feed
 from world.terms import STATION, seconds_of, tick_of
-from world.user_file import shown
 
 __all__ = ["Emulation", "EmulationError"]
 

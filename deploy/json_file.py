@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from world.user_file import read_text, shown
+from bus.excerpt import shown
+from world.user_file import read_text
 
 __all__ = ["read_table"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bus.excerpt import shown
 
-__all__ = ["read_bytes", "read_text", "shown"]
+__all__ = ["read_bytes", "read_text"]
 
 
 def read_bytes(path: Path, most: int) -> bytes:

@@ -9,10 +9,10 @@ from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
 
+from bus.excerpt import shown
 from deploy.json_file import read_table
 from deploy.scenario.files import read_toml
 from deploy.scenario.tables import ScenarioError
-from world.user_file import shown
 
 if TYPE_CHECKING:
     from deploy.scenario import Scenario

@@ -10,6 +10,7 @@ from typing import Any
 import tomli_w
 
 from agents.config import POWER_SMOOTHING_S, RobotConfig
+from bus.excerpt import shown
 from deploy.scenario.arena import Arena
 from deploy.scenario.tables import Tables
 from medium.config import MediumConfig
@@ -18,7 +19,6 @@ from world.config import WorldConfig
 from world.faults import fault_form
 from world.grid.map_file import digest_of_map
 from world.terms import STATION
-from world.user_file import shown
 
 __all__ = ["Scenario"]
 

@@ -19,10 +19,10 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from agents.config import Rules
+from bus.excerpt import shown
 from medium.config import Radio
 from world.config import MOST, Fault, Lidar, Positive
-from world.grid import MAX_CELLS
-from world.user_file import shown
+from world.grid.geometry import MAX_CELLS
 
 __all__ = [
     "Cell",
