@@ -21,8 +21,8 @@ __all__ = ["ANY", "ROWS", "Keys", "Row", "Token", "check_run"]
 ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
 
-_INCARNATION: Final = re.compile("[0-9a-f]{8}")
-_NODE: Final = re.compile("[0-9]{1,5}")
+_NODE: Final = re.compile(r"/(?P<node>[0-9]{1,5})\Z")
+_TOKEN: Final = re.compile(r"/alive/(?P<role>[a-z]+)/(?P<node>[0-9]{1,5})/(?P<incarnation>[0-9a-f]{8})\Z")
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
@@ -182,10 +182,10 @@ class Keys:
         Raises:
             WireError: its last chunk is no node.
         """
-        node = key.rpartition("/")[2]
-        if not _NODE.fullmatch(node):
+        found = _NODE.search(key)
+        if found is None:
             raise WireError("a key ends in no node")
-        return int(node)
+        return int(found["node"])
 
     @staticmethod
     def is_token(key: str) -> bool:
@@ -199,7 +199,7 @@ class Keys:
         Raises:
             WireError: its last chunks, which that process has chosen, are not those of a token.
         """
-        role, node, incarnation = key.split("/")[-3:]
-        if not _NODE.fullmatch(node) or not _INCARNATION.fullmatch(incarnation):
-            raise WireError("a token ends in a node and an incarnation")
-        return Token(role, int(node), int(incarnation, 16))
+        found = _TOKEN.search(key)
+        if found is None:
+            raise WireError("a token ends in a role, a node and an incarnation")
+        return Token(found["role"], int(found["node"]), int(found["incarnation"], 16))
