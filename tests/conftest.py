@@ -1,4 +1,4 @@
-"""More examples of each property, when they are asked for."""
+"""Options of the suite: more examples of each property, and which build the short missions run in."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from hypothesis import is_hypothesis_test, settings
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--examples-times", type=int, default=1, metavar="N", help="N times the examples of each property")
+    parser.addoption("--tree", default=".", metavar="DIR", help="build that runs the missions with known digests")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
