@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from bus.codec import WireError
+from bus.excerpt import shown
 
 __all__ = ["ANY", "ROWS", "Keys", "Row", "Token", "check_run"]
 
@@ -21,6 +22,7 @@ ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
 
 _INCARNATION: Final = re.compile("[0-9a-f]{8}")
+_NODE: Final = re.compile("[0-9]{1,5}")
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
@@ -78,7 +80,9 @@ def check_run(run: str) -> str:
         ValueError: it is empty, or has a character with a meaning in key expressions.
     """
     if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() for c in run):
-        raise ValueError(f"{run!r} can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @")
+        raise ValueError(
+            f"'{shown(run)}' can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @"
+        )
     return run
 
 
@@ -173,8 +177,15 @@ class Keys:
 
     @staticmethod
     def node_of(key: str) -> int:
-        """The node of a `word`, `table`, `tx` or `rx` key."""
-        return int(key.rpartition("/")[2])
+        """The node of a `word`, `table`, `tx` or `rx` key.
+
+        Raises:
+            WireError: its last chunk is no node.
+        """
+        node = key.rpartition("/")[2]
+        if not _NODE.fullmatch(node):
+            raise WireError("a key ends in no node")
+        return int(node)
 
     @staticmethod
     def is_token(key: str) -> bool:
@@ -189,6 +200,6 @@ class Keys:
             WireError: its last chunks, which that process has chosen, are not those of a token.
         """
         role, node, incarnation = key.split("/")[-3:]
-        if not node.isdecimal() or not _INCARNATION.fullmatch(incarnation):
-            raise WireError(f"{key!r} is no token")
+        if not _NODE.fullmatch(node) or not _INCARNATION.fullmatch(incarnation):
+            raise WireError("a token ends in a node and an incarnation")
         return Token(role, int(node), int(incarnation, 16))

@@ -80,8 +80,10 @@ class Mailbox:
         if len(mark) != _MARK.size:
             return data  # not from a process of ours: its decoder will refuse it
         message, part, parts = _MARK.unpack(mark)
+        if parts > _MOST_PARTS or len(data) > PART_BYTES:
+            return None
         begun = self._begun.setdefault(key, {})
-        if part == 0 and parts <= _MOST_PARTS:
+        if part == 0:
             if len(begun) == _SENDERS:  # the older message will never be complete
                 del begun[next(iter(begun))]
             begun[message] = []

@@ -19,6 +19,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
+from bus.excerpt import shown
+
 __all__ = ["ROOT", "Parser", "refuse", "require"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
@@ -31,16 +33,20 @@ NEEDED: Final = (
 """The modules of the packages that the project depends on (pyproject.toml)."""
 
 
+_LONGEST: Final = 600
+"""Characters of what is wrong with a command."""
+
+
 class Parser(argparse.ArgumentParser):
     """A command line that says what is wrong with it in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+        self.exit(2, f"{self.prog}: {shown(message, _LONGEST)} (--help lists the options)\n")
 
 
 def refuse(script: str, problem: object) -> int:
     """Say in one line why a command can't be carried out; returns its exit status, 2."""
-    print(f"{script}: {' '.join(str(problem).split())}", file=sys.stderr)
+    print(f"{script}: {shown(' '.join(str(problem).split()), _LONGEST)}", file=sys.stderr)
     return 2
 
 

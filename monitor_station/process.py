@@ -5,6 +5,7 @@ The recorder is fed after the step's outputs have been sent, so that it delays n
 
 from __future__ import annotations
 
+import functools
 import logging
 import signal
 import threading
@@ -18,7 +19,7 @@ from bus.session import Login
 from medium.messages import Inbox, Transmission
 from monitor_station.config import RecorderConfig, StationConfig
 from monitor_station.core import Station
-from world.map_file import save_map
+from world.grid.map_file import save_map
 from world.messages import Sense
 from world.seeds import node_stream
 from world.terms import STATION
@@ -65,7 +66,8 @@ class Shell:
         self._journal: IO[bytes] | None = None
         # First who listens, then the member: with its token the ticks may begin.
         self._feeder = None if recorder is None else _feeder(login, recorder, out, live_port)
-        self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
+        inbox_of = functools.partial(Inbox.decode, robots=config.node.robots)
+        self._member = Member(login, "station", STATION, Sense.decode, inbox_of)
         if self._feeder is not None:
             self._member.idle = self._feeder.rest
         session = self._member.session

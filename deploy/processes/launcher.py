@@ -70,7 +70,7 @@ class Launcher:
         self._folder = folder
         self._view = view
         self._supervisor = fleet.supervisor()
-        self._listener = Listener(folder, view, self._supervisor.wake)
+        self._listener = Listener(folder, view, fleet.last_node, self._supervisor.wake)
 
         # How the run ends.
         self._asked_to_stop = 0

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import msgpack
-
-from bus.codec import WireError
+from bus.codec import WireError, unpack_map
 from bus.keys import Keys
 from bus.phases import decode_phases
 from bus.session import Mailbox, Session
@@ -23,10 +21,18 @@ __all__ = ["Listener"]
 class Listener:
     """Reads messages in the order in which they come in."""
 
-    def __init__(self, folder: RunFolder, view: View, wake: Callable[[], None]) -> None:
-        """Nobody is listened to yet; `wake` is called, from a thread of the bus, whenever a message has come in."""
+    def __init__(self, folder: RunFolder, view: View, last_node: int, wake: Callable[[], None]) -> None:
+        """Nobody is listened to yet.
+
+        Args:
+            folder: keeps what is told.
+            view: shows it.
+            last_node: the highest node of the run.
+            wake: called, from a thread of the bus, whenever a message has come in.
+        """
         self._folder = folder
         self._view = view
+        self._last_node = last_node
         self._mailbox = Mailbox(wake)
         self.finals: dict[str, dict[str, Any]] = {}
         """Last counts of `world`, `medium` and `station` by name, as far as they have come in; and `phases`."""
@@ -58,13 +64,13 @@ class Listener:
             self._folder.event(event)
             self._view.event(event)
         elif kind == "signal":
-            orders.append(Signal.decode(payload))
+            order = Signal.decode(payload)
+            if order.node > self._last_node:
+                raise WireError("a signal for a node that there is not")
+            orders.append(order)
         elif kind == "phases":
             phases = self.finals.setdefault("phases", {})
             phases[process] = decode_phases(payload)
             self._view.phases(phases)
         elif kind == "final":
-            try:
-                self.finals[process] = msgpack.unpackb(payload, strict_map_key=False)
-            except (ValueError, msgpack.UnpackException) as error:
-                raise WireError(f"not msgpack: {error}") from error
+            self.finals[process] = unpack_map(payload)
