@@ -8,9 +8,8 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, Le
 
-from world.config import MOST, NotNegative, Positive
 from world.grid import GridGeometry
-from world.terms import MAX_NODE
+from world.terms import MAX_NODE, MOST, NotNegative, Positive
 
 Ticks = Annotated[int, Ge(0), Le(MOST)]
 Count = Annotated[int, Ge(1), Le(MOST)]

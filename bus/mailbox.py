@@ -45,11 +45,19 @@ def in_parts(put: Callable[..., None]) -> Put:
 class Mailbox:
     """A queue of messages that any number of subscriptions fill and one thread empties."""
 
-    def __init__(self) -> None:
+    def __init__(self, wake: Callable[[], None] | None = None) -> None:
+        """`wake` is called whenever something was put, by the thread that put it."""
         self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._begun: dict[str, dict[int, list[bytes]]] = {}
         """By key and message: the parts that have arrived."""
-        self.put = self._samples.put
+        put = self._samples.put
+
+        def put_and_wake(sample: Any) -> None:
+            put(sample)
+            if wake is not None:
+                wake()
+
+        self.put: Callable[[Any], None] = put if wake is None else put_and_wake
         """Puts a `Message` of this process, or a sample of Zenoh's."""
 
     def get(self, timeout_s: float) -> Message | None:

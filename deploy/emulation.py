@@ -24,10 +24,10 @@ from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
 from deploy.json_file import read_table
 from deploy.processes.operator_file import read_operator
+from deploy.run_folder.verdicts import verdict_on
 from deploy.scenario import load
-from world.faults import parse_fault
 from world.feed import Event, Snapshot, unpack_feed
-from world.terms import STATION, seconds_of, tick_of
+from world.terms import STATION, seconds_of
 
 __all__ = ["Emulation", "EmulationError"]
 
@@ -148,23 +148,30 @@ class Emulation:
 
         Args:
             of: whom it struck (4, "station"), or the fault as the command line has it ("kill:relay:mid@60"). Of
-                several the last.
+                several the last, once it is final.
             timeout_s: of wall time.
 
         Raises:
             EmulationError: there is no such verdict in time.
+            ValueError: `of` is no fault.
         """
-        found: list[dict[str, Any]] = []
+        is_of, node = verdict_on(of, self.events), STATION if of == "station" else of
+        told: list[dict[str, Any]] = []
 
-        def look() -> bool:
-            told = [event.data for event in self.events if event.kind == "recovery"]
-            if self.over:
-                told = self.summary["recoveries"]
-            found[:] = [verdict for verdict in told if _is_of(verdict, of)]
-            return bool(found)
+        def final() -> bool:
+            over = self.over
+            told[:] = self.summary["recoveries"] if over else [e.data for e in self.events if e.kind == "recovery"]
+            found = sum(map(is_of, told))
+            # A later fault on the same node may have been told, and its verdict not yet.
+            struck = sum(event.kind == "fault" and event.node == node and bool(event.data) for event in self.events)
+            return found > 0 and (over or found >= struck)
 
-        self.wait_until(look, timeout_s)
-        return found[-1]
+        try:
+            self.wait_until(final, timeout_s)
+        except EmulationError as error:
+            names = ", ".join(verdict["fault"] for verdict in told) or "none"
+            raise EmulationError(f"no verdict on {of}; there are: {names}: {error}") from None
+        return [verdict for verdict in told if is_of(verdict)][-1]
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -285,12 +292,3 @@ class Emulation:
             return "closed"
         lines = Path(self._words.name).read_text(encoding="utf-8").splitlines()
         return " | ".join(lines[-5:]) or "it said nothing"
-
-
-def _is_of(verdict: Mapping[str, Any], of: int | str) -> bool:
-    if isinstance(of, int):
-        return bool(verdict["robot"] == of)
-    if of == "station":
-        return bool(verdict["robot"] == STATION)
-    fault = parse_fault(of)
-    return (verdict["kind"], tick_of(verdict["at_s"])) == (fault.verb, tick_of(fault.at_s))

@@ -200,6 +200,7 @@ def _run_processes(
     options: argparse.Namespace, scenario: Scenario, endpoint: str | None, folder: Any, view: View
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
+    from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
     from deploy.screen.live_viewer import LiveViewer, has_display
 
@@ -208,10 +209,11 @@ def _run_processes(
         if endpoint is None:
             place = Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-")))
             endpoint = local_endpoint(place, scenario.robots)
-        launcher = Launcher(
-            scenario, folder, endpoint, view, record=not options.no_recording, live_port=live_port,
+        fleet = Fleet(
+            scenario, folder.path, endpoint, record=not options.no_recording, live_port=live_port,
             held=options.hold, plain_scheduling=options.plain_scheduling,
         )  # fmt: skip
+        launcher = Launcher(fleet, folder, view)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda *_: launcher.interrupt())
         if live_port is not None:

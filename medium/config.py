@@ -9,8 +9,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from world.config import Positive, Probability
 from world.grid import GridGeometry
+from world.terms import Positive, Probability
 
 Decibels = Annotated[float, Ge(-1000), Le(1000)]
 Loss = Annotated[float, Ge(0), Le(1000)]

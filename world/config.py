@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from world.grid import GridGeometry
-
-MOST: Final = 1e9
-"""No number of a scenario is larger, be it of seconds, metres or ticks: sums and products of them stay numbers."""
-Positive = Annotated[float, Gt(0), Le(MOST)]
-NotNegative = Annotated[float, Ge(0), Le(MOST)]
-Probability = Annotated[float, Ge(0), Le(1)]
+from world.terms import MOST, NotNegative, Positive, Probability
 
 Verb = Literal["kill", "restart", "pause", "jam", "loss"]
 

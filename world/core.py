@@ -240,22 +240,23 @@ class World:
 
     def _carry_out(self, fault: Fault, tick: int) -> tuple[Signal, ...]:
         fault = Fault(fault.verb, seconds_of(tick), fault.target, fault.for_s, fault.probability)
+        asked = describe(fault)
         if fault.verb in ("jam", "loss"):
             self._agenda.disturb(fault, tick)
             self._roster.faults.append(fault)
-            self._log(NOBODY, describe(fault), fault_form(fault))
+            self._log(NOBODY, asked, fault_form(fault) | {"asked": asked})
             self._account.faulted(fault, NOBODY, tick)
             return ()
         node = resolve(fault.target, self._account.snapshot, self._config.station_m, self._choice)
         if node is None:
-            self._log(NOBODY, f"{describe(fault)}: nobody is {fault.target}, nothing done", {})
+            self._log(NOBODY, f"{asked}: nobody is {fault.target}, nothing done", {})
             return ()
         signals = self._roster.act(fault, node, tick)
         if not signals:
-            self._log(node, f"{describe(fault)}: {node_name(node)} is away already, nothing done", {})
+            self._log(node, f"{asked}: {node_name(node)} is away already, nothing done", {})
             return ()
         acted = self._roster.faults[-1]
-        self._log(node, f"{describe(fault)} ({node_name(node)})", fault_form(acted))
+        self._log(node, f"{asked} ({node_name(node)})", fault_form(acted) | {"asked": asked})
         self._account.faulted(acted, node, tick)
         return signals
 

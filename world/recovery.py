@@ -200,6 +200,7 @@ def _verdict(watch: _Watch) -> dict[str, Any]:
         "at_s": watch.fault.at_s,
         "kind": watch.fault.verb,
         "target": watch.fault.target,
+        "fault": describe(watch.fault),
         "orphaned": list(orphans),
         "detected_s": _since(watch, min(noticed, default=None)),
         "recovered_s": _since(watch, max(back)) if recovered is True else None,

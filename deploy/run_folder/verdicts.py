@@ -6,11 +6,43 @@ them it has. Neither knows both, so they are put together here, when the run is 
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["foreign_reports", "lost_reports", "settle"]
+from bus.nodes import target_name
+from world.faults import describe, parse_fault
+from world.feed import Event
+from world.terms import NOBODY, STATION, seconds_of, tick_of
+
+__all__ = ["foreign_reports", "lost_reports", "settle", "verdict_on"]
+
+
+def verdict_on(of: int | str, events: Sequence[Event]) -> Callable[[Mapping[str, Any]], bool]:
+    """Whether a verdict, as the world tells it, is on what struck a node, or on a certain fault.
+
+    Args:
+        of: the node (4, "station"), or the fault as the command line has it, with its target as it was asked for
+            ("relay:mid") or as it was resolved.
+        events: of the run; more of them may come in later.
+
+    Raises:
+        ValueError: `of` is neither.
+    """
+    if isinstance(of, int) or of == "station":
+        node = STATION if of == "station" else of
+        return lambda verdict: bool(verdict["robot"] == node)
+    fault = parse_fault(of)
+    fault = dataclasses.replace(fault, at_s=seconds_of(tick_of(fault.at_s)))
+    name = describe(fault)
+
+    def is_on(verdict: Mapping[str, Any]) -> bool:
+        struck = [event.node for event in events if event.kind == "fault" and event.data.get("asked") == name]
+        resolved = [describe(dataclasses.replace(fault, target=target_name(node))) for node in struck if node != NOBODY]
+        return verdict["fault"] in (name, *resolved)
+
+    return is_on
 
 
 def settle(

@@ -21,8 +21,9 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from agents.config import Rules
 from bus.excerpt import shown
 from medium.config import Radio
-from world.config import MOST, Fault, Lidar, Positive
+from world.config import Fault, Lidar
 from world.grid.geometry import MAX_CELLS
+from world.terms import MOST, Positive
 
 __all__ = [
     "Cell",
