@@ -1,4 +1,4 @@
-"""One run in this one process: the same cores, files and view as with real processes, without a bus."""
+"""One run in this process: the same cores, files and view as with real processes, without a bus."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["run_in_process"]
 def run_in_process(
     scenario: Scenario, folder: RunFolder, view: View, *, record: bool
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Run to the end or to Ctrl-C; returns the summary and what failed (nothing: an exception passes through)."""
+    """Run to the end or to Ctrl-C; returns the summary, and no failures: an exception passes through."""
     begun = time.monotonic()
     recorder = None
     if record:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class BadInputError(Exception):
-    """Something that was asked for can't be; one line for the user."""
+    """The run can't be as the command line asks; one line for the user."""
 
 
 def parser() -> Parser:
@@ -136,7 +136,11 @@ def _endpoint(port: int) -> str:
 
 
 def _folder(asked: Path | None, scenario: str) -> Path:
-    """Make the run folder, or say why it can't be."""
+    """Make the run folder.
+
+    Raises:
+        BadInputError: it can't be made or written, or a run is under way in it.
+    """
     from deploy.processes.operator_file import living_launcher
 
     out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
@@ -207,8 +211,8 @@ def _run_processes(
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:
         if endpoint is None:
-            place = Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-")))
-            endpoint = local_endpoint(place, scenario.robots)
+            temporary = Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-")))
+            endpoint = local_endpoint(temporary, scenario.robots)
         fleet = Fleet(
             scenario, folder.path, endpoint, record=not options.no_recording, live_port=live_port,
             held=options.hold, plain_scheduling=options.plain_scheduling,

@@ -57,14 +57,14 @@ def run(
 
 
 class Shell:
-    """What moves bytes around a station core."""
+    """Moves bytes between the bus, the core and the disk."""
 
     def __init__(
         self, config: StationConfig, login: Login, out: Path, recorder: RecorderConfig | None, live_port: int | None
     ) -> None:
         self._config, self._out = config, out
         self._journal: IO[bytes] | None = None
-        # First who listens, then the member: with its token the ticks may begin.
+        # The member comes last: once its token is declared, the ticks may begin.
         self._feeder = None if recorder is None else _feeder(login, recorder, out, live_port)
         inbox_of = functools.partial(Inbox.decode, robots=config.node.robots)
         self._member = Member(login, "station", STATION, Sense.decode, inbox_of)
@@ -80,7 +80,7 @@ class Shell:
         try:
             self._ticks()
         finally:
-            # The session first: without a launcher the router's host waits for this token to drop before it goes.
+            # The session closes first: without a launcher the medium waits for this token to drop before it ends.
             self._member.session.close()
             if self._feeder is not None:
                 self._feeder.close()
@@ -112,7 +112,7 @@ class Shell:
         self._put_final(msgpack.packb(counts | {"malformed": malformed}))
 
     def _start(self, sense: Sense) -> Station:
-        """The core; after a restart, with what its predecessor had acknowledged."""
+        """A new core; after a restart it knows the reports that earlier incarnations acknowledged."""
         node = self._config.node
         rng = node_stream(node.seed, node.node, sense.incarnation)
         station = Station(self._config, rng, sense.incarnation, sense.tick)
@@ -126,7 +126,7 @@ class Shell:
         return station
 
     def _keep(self, entry: bytes) -> None:
-        """Hand the journal to the kernel, which keeps it if this process dies; only a power cut would lose it."""
+        """Write to the journal. The kernel keeps it if this process dies; only a power cut would lose it."""
         assert self._journal is not None
         while entry:
             entry = entry[self._journal.write(entry) :]

@@ -1,4 +1,4 @@
-"""Sizes of files and rooms, and the way that CONTRIBUTING.md shows a newcomer."""
+"""Sizes of files and rooms, and the table of CONTRIBUTING.md that answers "where would I change X"."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests import ROOT
 PACKAGES = ("agents", "bus", "deploy", "medium", "monitor_station", "world")
 MOST_LINES = 350
 MOST_MODULES = 9
-"""In a room of deploy/, `__init__` aside."""
+"""Most modules of a room of deploy/ besides `__init__`."""
 
 
 def test_no_source_is_too_long() -> None:

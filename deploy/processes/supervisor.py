@@ -1,9 +1,9 @@
 """Processes of one run: started by a fork server, named, logged, watched, and never left behind.
 
-The fork server imports the heavy modules once and opens nothing, so a child starts in milliseconds. A child ends
-with its launcher, however that one dies: it waits on a pipe that the launcher holds open. A *stopped* child cannot
-wait on anything, so the kernel is asked to continue it when the fork server goes (which goes with the launcher).
-Nothing here knows what the processes do.
+The fork server imports the heavy modules once and opens nothing, so a child starts in milliseconds. A child ends with
+its launcher, however that dies: it waits on a pipe that the launcher holds open. A *stopped* child cannot wait, so the
+kernel continues it when the fork server ends, which ends with the launcher. This module does not know what processes
+do.
 """
 
 from __future__ import annotations
@@ -70,29 +70,29 @@ def _signal_name(number: int) -> str:
 class Supervisor:
     """Starts named processes and reports their ends. A context manager: on leaving, no process is left.
 
-    Not thread-safe but for `wake`.
+    Only `wake` is thread-safe.
     """
 
-    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), places: Mapping[str, int] = {}) -> None:
+    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), processors: Mapping[str, int] = {}) -> None:
         """Prepare; the fork server starts as the context is entered.
 
         Args:
             run: its name, for the titles of processes.
             logs: folder for a file per process.
             preload: modules that the fork server imports.
-            places: processors by process name; whoever has none runs where the kernel likes.
+            processors: by name of a process. The kernel chooses for those without one.
         """
         self._run = run
         self._logs = logs
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
-        self._places = places
+        self._processors = processors
         self._living: dict[str, BaseProcess] = {}
         self._wake_r, self._wake_w = os.pipe()
         os.set_blocking(self._wake_r, False)
         os.set_blocking(self._wake_w, False)
         self._watched = selectors.DefaultSelector()
-        """Whose end is waited for: names by sentinel, and the wake-up call."""
+        """Sentinels of living processes, with their names, and the pipe of `wake`."""
         self._watched.register(self._wake_r, selectors.EVENT_READ, _WAKE)
 
     def start(self, name: str, target: Callable[..., None], *args: Any) -> int:
@@ -103,7 +103,7 @@ class Supervisor:
         """
         if name in self._living:
             raise ValueError(f"{name} is alive already")
-        entry = (f"vds {name} {self._run}", self.log_path(name), self._places.get(name), target, args)
+        entry = (f"vds {name} {self._run}", self.log_path(name), self._processors.get(name), target, args)
         process = self._context.Process(target=_child, args=entry, name=name, daemon=True)
         process.start()
         self._living[name] = process
@@ -127,7 +127,7 @@ class Supervisor:
         return "\n".join(text.splitlines()[-lines:])
 
     def signal(self, name: str, number: signal.Signals) -> bool:
-        """Send a signal; False if there is no such process (any more)."""
+        """Send a signal; False if no process of that name lives."""
         process = self._living.get(name)
         if process is None or process.pid is None or process.exitcode is not None:
             return False
@@ -137,12 +137,12 @@ class Supervisor:
         return False
 
     def wake(self) -> None:
-        """Let a `wait` under way return; for other threads and signal handlers."""
+        """Make a `wait` under way return. Other threads and signal handlers may call it."""
         with contextlib.suppress(BlockingIOError, OSError):
             os.write(self._wake_w, b"w")
 
     def wait(self, timeout_s: float | None = None) -> list[Exit]:
-        """Sleep until a process ends, `wake` is called, or the time is over; return the ends since the last call."""
+        """Sleep until a process ends, `wake` is called, or the time is over; returns the ends since the last call."""
         ready = [key.data for key, _ in self._watched.select(timeout_s)]
         if _WAKE in ready:
             ready.remove(_WAKE)
@@ -178,7 +178,7 @@ class Supervisor:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
         self._watched.close()
-        # Whoever still calls `wake` must not write into a file that gets the same number.
+        # A late call of `wake` must not write into a file that gets the same descriptor.
         wake_w, self._wake_w = self._wake_w, -1
         os.close(wake_w)
         os.close(self._wake_r)
@@ -203,7 +203,7 @@ def _start_fork_server() -> None:
     in_main_thread = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
     safe = os.environ.get("PYTHONSAFEPATH")
-    # A folder `world` or `agents` where the user happens to be must not stand for ours.
+    # A folder `world` or `agents` in the user's working directory must not shadow ours.
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
         multiprocessing.forkserver.ensure_running()
@@ -219,7 +219,7 @@ def _child(title: str, log: Path, processor: int | None, target: Callable[..., N
     """First function of every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if processor is not None:
-        # Before there are other threads, which inherit it. A processor may have been taken from us meanwhile.
+        # Threads inherit it, so it comes before they start. The processor may have been taken from us meanwhile.
         with contextlib.suppress(OSError):
             os.sched_setaffinity(0, {processor})
     with log.open("ab", buffering=0) as file:
@@ -237,10 +237,10 @@ def _child(title: str, log: Path, processor: int | None, target: Callable[..., N
 
 
 def _let_fork_server_go() -> None:
-    """Close this child's copy of the pipe that keeps the fork server alive: only the launcher shall do that.
+    """Close this child's copy of the pipe that keeps the fork server alive; only the launcher may hold it.
 
-    There is no public name for it; without this, one stopped child would keep the fork server, and the fork server's
-    end is what lets the kernel continue the child.
+    It has no public name. With a copy, one stopped child would keep the fork server alive, whose end makes the kernel
+    continue that child.
     """
     server = getattr(multiprocessing.forkserver, "_forkserver", None)
     held = getattr(server, "_forkserver_alive_fd", None)

@@ -1,6 +1,6 @@
-"""What a run leaves: summary.json, metrics.csv, events.jsonl and scenario.toml in one folder.
+"""Writes the folder of a run: summary.json, metrics.csv, events.jsonl and scenario.toml.
 
-Whoever runs the cores, in one process or in many, hands over the world's snapshots and events.
+The snapshots and events of the world come from the launcher, or from the run in one process.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["RunFolder"]
 
 
 class RunFolder:
-    """The files of one run; a context manager that closes them."""
+    """The files of one run. A context manager that closes them."""
 
     def __init__(self, path: Path, scenario: Scenario, baseline: Baseline | None = None) -> None:
         """Create the folder and its first files; the summary compares the run with `baseline`.
@@ -38,7 +38,7 @@ class RunFolder:
         self._baseline = baseline
         self._progress = Progress(scenario.cell_names)
         (path / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
-        # What an earlier run left in a folder that is used again must not pass for this one's.
+        # Files of an earlier run in the same folder must not pass for files of this one.
         for pattern in ("summary.json", "recording*.rrd", "journal", "map.yaml", "map.pgm", "logs/*.log"):
             for old in path.glob(pattern):
                 old.unlink()
@@ -46,7 +46,7 @@ class RunFolder:
         self._events = (path / "events.jsonl").open("w", buffering=1, encoding="utf-8")
 
     def snapshot(self, snapshot: Snapshot) -> None:
-        """Take one tick in, in the order of ticks; some may be missing."""
+        """Add a tick, in the order of ticks; some may be missing."""
         self._progress.add(snapshot)
         self.metrics.add(snapshot)
 
@@ -68,9 +68,9 @@ class RunFolder:
         """Write the summary and return it.
 
         Args:
-            finals: last counts of `world`, `medium` and `station`; one that is missing leaves nulls.
+            finals: last counts by process, as far as they have come in.
             wall_s: how long the run took.
-            status: overrules the world's word, as when the world was lost.
+            status: replaces the status of the world, as when the world was lost.
             failures: what went wrong, one line each.
         """
         summary = summary_of(self._scenario, self._progress, finals, wall_s, status)
@@ -84,7 +84,7 @@ class RunFolder:
         return summary
 
     def flush(self) -> None:
-        """Bring everything written so far to disk."""
+        """Write all rows and events so far to the disk."""
         self.metrics.flush()
         self._events.flush()
         os.fsync(self._events.fileno())

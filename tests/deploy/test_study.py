@@ -35,7 +35,7 @@ BOUNDS = Bounds(60.0, 8.0, 1 / 3.6, 0.8)
 
 
 def row(robots: int, radius_m: float, seed: int, time_s: float | None, **more: Any) -> dict[str, Any]:
-    """A row of a synthetic table."""
+    """A synthetic row."""
     status = "time_limit" if time_s is None else "searched"
     return {
         "key": f"{robots}-{radius_m}-{seed}-{more.get('variant', 'base')}", "variant": "base", "engine": "in-process",
@@ -165,7 +165,7 @@ def test_parts_and_tables_hold_the_same(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("parts/*"))
     assert results.series() == series
     assert [r["key"] for r in results.rows()] == ["a", "b"]
-    # A part that was merged already, as after an end between merging and removing, changes nothing.
+    # A part that was merged but not removed, as after kill -9, changes nothing.
     results.add(finished("b", speed="max"))
     results.add(finished("c"))
     assert results.done() == {"a", "b", "c"}
@@ -299,7 +299,7 @@ def test_the_confidence_interval_is_students() -> None:
     # t(0.975, 4) = 2.7764, s = sqrt(2.5)
     assert found.half_width == pytest.approx(2.77645 * math.sqrt(2.5) / math.sqrt(5), rel=1e-5)
     assert estimate([]).n == 0
-    # Twice as much in every run is certain; what varies with the runs alone does not widen the interval.
+    # Every run has exactly twice as much, so the spread between runs does not widen the interval.
     assert (ratio([(2.0, 1.0), (6.0, 3.0)]).mean, ratio([(2.0, 1.0), (6.0, 3.0)]).half_width) == (2.0, 0.0)
     unlike = ratio([(1.0, 1.0), (1.0, 3.0), (4.0, 2.0)])
     assert unlike.mean == 1.0
@@ -354,7 +354,7 @@ def test_a_run_that_ended_keeps_its_rate() -> None:
 
 
 def fig7_rows() -> list[dict[str, Any]]:
-    """A table that bears out every claim."""
+    """Results for which every claim holds."""
     rows = []
     for robots in (6, 9, 12):
         for radius_m in (6.0, 12.0, 20.0, 25.0, 35.0, 50.0):
@@ -426,7 +426,7 @@ def test_claims_without_results_are_not_measured() -> None:
 
 
 def as_planned(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of a synthetic table with the keys that a study gives such runs; the report leaves others out."""
+    """Synthetic rows with the keys of a study's runs; the report leaves others out."""
     runs = [(point, tomllib.loads(point.toml)) for point in points_of(load_study(name))]
     keys = {(point.variant, run["robots"], run["radius_m"], run["seed"]): point.key for point, run in runs}
     return [{**r, "key": keys[r["variant"], r["robots"], r["radius_m"], r["seed"]]} for r in rows]

@@ -1,4 +1,4 @@
-"""`deploy/run_local.py` as a user meets it: bad input, a run, Ctrl-C, and processes that are killed under it."""
+"""`deploy/run_local.py` for a user: bad input, a run, Ctrl-C, and processes that are killed."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Running:
             return {}
 
     def status(self) -> dict[str, Any] | None:
-        """What the world says; None before it answers."""
+        """The answer of the world; None before it answers."""
         if self.process.poll() is not None:
             _, words = self.process.communicate()
             pytest.fail(f"the run has ended with status {self.process.returncode}: {words}")
@@ -171,12 +171,12 @@ class Running:
         return -1.0 if status is None else float(status["tick"]) / 10
 
     def wait_for(self, seconds: float) -> dict[str, int]:
-        """Wait until so much is simulated; returns the pids."""
+        """Wait until `simulated_s` seconds are simulated; returns the pids."""
         wait_until(lambda: self.simulated_s() >= seconds, 60, f"{seconds} s simulated")
         return self.pids()
 
     def press_ctrl_c(self) -> None:
-        """As a terminal does it: to the whole process group."""
+        """Send SIGINT to the whole process group, as a terminal does."""
         os.killpg(self.process.pid, signal.SIGINT)
 
     def ended(self, timeout_s: float) -> tuple[int, str, str]:
