@@ -223,7 +223,7 @@ def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
     size = listener.robot.body.map.geometry.size
     free = [0, 1, 2]
     bad = [
-        chunk(0, np.zeros(2001), np.zeros(2001)),  # more than is sent at once
+        chunk(0, np.arange(2001), np.zeros(2001)),  # more than is sent at once
         chunk(2_000_306, [1], [1]),  # a number beyond two of each cell
         chunk(2 * size - 1, [1, 2], [1, 1]),
         chunk(0, [size], [1]),  # no cell
