@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import random
-import struct
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.messages import ACK, MapChunk, ScanReport, Update
 from agents.policies import policy_class
+from agents.predicted_links import PredictedLinks
 from agents.robot import Robot
 from bus.codec import pack
 from deploy.scenario import load
@@ -255,17 +257,15 @@ def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
     assert (uplink.buffered, listener.bad) == (0, 2)
 
 
-def test_walls_without_number_make_a_place_infinitely_far_and_no_more() -> None:
-    listener = Listener("scout", **{"radio.model": "log_distance", "radio.wall_loss_db": 60.0})
-    listener.until(6)
-    robot, tick = listener.robot, listener.tick
-    stripes = robot.body.map.cells.reshape(robot.body.map.geometry.rows, -1)
-    stripes[:, ::2] = OCCUPIED
-    away = ROW.pack(2, freshness_of(2 * (tick - 1), 0), struct.pack("<H4i", 0, -(2**31), 2**31 - 1, 0, 0))
-    away += ROW.pack(STATION, freshness_of(2 * (tick - 2), 1), bytes(18))
-    listener.step(said(2, tick, rows=away))
-    listener.until(tick + 5)
-    assert robot.body.router.neighbors.hear(3, tick, -1e308).distance_m > 1e100
+@pytest.mark.parametrize("wall_factor", [1e20, math.inf])
+def test_walls_without_number_and_powers_without_measure_make_a_node_very_far_away(wall_factor: float) -> None:
+    robot = Listener("scout").robot
+    body = robot.body
+    body.config = dataclasses.replace(body.config, wall_factor=wall_factor)
+    body.map.cells.reshape(body.map.geometry.rows, -1)[:, ::2] = OCCUPIED  # two dozen of them up to node 2
+    body.router.table.set_inherent(2, 0, (52.0, 35.0), (0.0, 0.0))
+    assert PredictedLinks(body, predict=True).predicted_m((28.0, 35.0), 2) > 1e100
+    assert body.router.neighbors.hear(3, 1, -1e308).distance_m > 1e100
 
 
 def test_what_a_robot_says_of_far_away_places_fits_its_row() -> None:
