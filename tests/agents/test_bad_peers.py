@@ -262,7 +262,8 @@ def test_walls_without_number_and_powers_without_measure_make_a_node_very_far_aw
     robot = Listener("scout").robot
     body = robot.body
     body.config = dataclasses.replace(body.config, wall_factor=wall_factor)
-    body.map.cells.reshape(body.map.geometry.rows, -1)[:, ::2] = OCCUPIED  # two dozen of them up to node 2
+    stripes = body.map.cells.reshape(body.map.geometry.rows, -1)
+    stripes[:, ::2], stripes[:, 1::2] = OCCUPIED, FREE  # two dozen walls up to node 2
     body.router.table.set_inherent(2, 0, (52.0, 35.0), (0.0, 0.0))
     assert PredictedLinks(body, predict=True).predicted_m((28.0, 35.0), 2) > 1e100
     assert body.router.neighbors.hear(3, 1, -1e308).distance_m > 1e100
