@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bus.codec import WireError
+from medium.messages import Inbox
 from tests.helpers.hand_driven import Run, config
 from world.control import Control
+from world.feed import Event, Snapshot
 from world.limits import decode_word
 from world.messages import Motion, Positions, Report, Sense, Status
 from world.pace import Pace
@@ -88,6 +91,51 @@ def test_a_scan_of_another_lidar_is_malformed() -> None:
     assert Sense.decode(packed, 180).ranges_m is not None
     with pytest.raises(WireError):
         Sense.decode(packed, 181)
+
+
+def test_nobody_hears_a_node_that_there_is_not() -> None:
+    packed = Inbox(3, ((ROBOTS, -60.0, b"hello"),)).encode()
+    assert Inbox.decode(packed, ROBOTS).receptions
+    with pytest.raises(WireError):
+        Inbox.decode(packed, ROBOTS - 1)
+
+
+def snapshot(**columns: Any) -> Snapshot:
+    n = 2
+    ids, flags, places = np.arange(1, n + 1, dtype=np.int16), np.zeros(n, np.uint8), np.zeros((n, 2))
+    good = {"nodes": ids, "present": flags, "xy_m": places, "cls": flags, "mode": flags, "hops": flags + 255}
+    good |= {"nms": ids - 2, "msr": ids - 2, "target_m": places}
+    return Snapshot(TICK, **good | columns)
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"nodes": np.array([1, 3], np.int16)},
+        {"nodes": np.array([2, 1], np.int16)},
+        {"present": np.array([0, 2], np.uint8)},
+        {"cls": np.array([0, 2], np.uint8)},
+        {"mode": np.array([5, 0], np.uint8)},
+        {"nms": np.array([-2, 0], np.int16)},
+        {"msr": np.array([0, 3], np.int16)},
+        {"xy_m": np.full((2, 2), np.inf)},
+        {"target_m": np.full((2, 2), 1e300)},
+    ],
+)
+def test_a_snapshot_that_cannot_be_is_malformed(columns: dict[str, Any]) -> None:
+    with pytest.raises(WireError):
+        Snapshot.decode(snapshot(**columns).encode())
+    assert Snapshot.decode(snapshot().encode()).tick == TICK
+
+
+@pytest.mark.parametrize(
+    "data", [{"a": b"bytes"}, {b"a": 1}, {"a": [float("nan")]}, {"a": {"b": [[[[[[[[[[[1]]]]]]]]]]]}}]
+)
+def test_facts_of_an_event_are_of_json_types(data: dict[Any, Any]) -> None:
+    with pytest.raises(WireError):
+        Event.decode(Event(TICK, "fault", 1, "words", data).encode())
+    good = {"a": [1, 2.5, None, {"b": "c"}]}
+    assert json.loads(json.dumps(Event.decode(Event(TICK, "fault", 1, "words", good).encode()).data)) == good
 
 
 @pytest.mark.parametrize(
