@@ -223,7 +223,7 @@ def test_a_robot_whose_whole_map_is_said_to_be_wall_goes_on(policy: str) -> None
 def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
     listener = Listener("vds")
     size = listener.robot.body.map.geometry.size
-    free = [0, 1, 2]
+    cells = [5, 1, 2]
     bad = [
         chunk(0, np.arange(2001), np.zeros(2001)),  # more than is sent at once
         chunk(2_000_306, [1], [1]),  # a number beyond two of each cell
@@ -236,11 +236,11 @@ def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
     for reception in bad:
         listener.step(reception)
     assert (listener.bad, listener.robot.downlink.version) == (len(bad), 0)
-    listener.step(chunk(0, free, [0, 0, 1]))
+    listener.step(chunk(0, cells, [0, 0, 1]))
     listener.step(chunk(2, [2, 1], [1, 1]))  # what is known, and a cell that turned out to be a wall
-    listener.step(chunk(4, free[:1], [0]))  # again
+    listener.step(chunk(4, cells[:1], [0]))  # again
     assert (listener.bad, listener.robot.downlink.version) == (len(bad) + 1, 4)
-    assert listener.robot.body.map.cells[:3].tolist() == [0, 1, 1]
+    assert listener.robot.body.map.cells[cells].tolist() == [0, 1, 1]
 
 
 def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
