@@ -6,7 +6,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos study clean
 
 setup: $(STAMP)
 
@@ -50,6 +50,10 @@ properties: setup
 
 properties-compiled: compiled
 	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m pytest $(CURDIR)/tests -c $(CURDIR)/pyproject.toml -m hypothesis --examples-times 20 --timeout 0 $(ARGS)
+
+# A million messages, texts and files that are none. ARGS='--inputs 10000 --seed 7', or '--batch 1234' for one of its batches again.
+fuzz: setup
+	$(BIN)/python -m tests.fuzz $(ARGS)
 
 acceptance: setup
 	$(BIN)/python -m tests.acceptance $(ARGS) | tee docs/acceptance.md

@@ -10,6 +10,7 @@ from agents.config import RobotConfig
 from agents.policies import PolicyError, policy_class
 from agents.process import run
 from bus.command_line import parse, parser
+from bus.excerpt import shown
 from bus.nodes import node_name, process_name, user_name
 
 
@@ -22,11 +23,13 @@ def main(arguments: list[str] | None = None) -> None:
     if options.id is not None:
         config = dataclasses.replace(config, node=options.id)
     if handover.login.user != user_name(config.node):
-        made.exit(2, f"{made.prog}: the file's login is {handover.login.user}'s, not {node_name(config.node)}'s\n")
+        login = shown(handover.login.user)
+        made.exit(2, f"{made.prog}: the file's login is {login}'s, not {node_name(config.node)}'s\n")
     try:
         policy_class(config.policy)
     except PolicyError as error:
-        made.exit(2, f"{made.prog}: {options.credentials}: policy = {config.policy!r}: {error}\n")
+        policy = f"policy = '{shown(config.policy)}': {shown(error, 150)}"
+        made.exit(2, f"{made.prog}: {shown(options.credentials)}: {policy}\n")
     setproctitle(f"vds {process_name(config.node)} {handover.login.run}")
     run(config, handover.login)
 

@@ -2,7 +2,7 @@
 """Loops over the rows of a forwarding table (`agents.forwarding_table`) and over acknowledgements (`agents.messages`).
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
-`-march`; setup.py). The rows come from a peer: `merge` checks every destination before it is an index.
+`-march`; setup.py). Rows come from a peer: `rows_possible` checks every destination before `merge` takes it for an index.
 """
 
 from cpython cimport array
@@ -27,8 +27,6 @@ def merge(
     bytearray inherent,
     array.array before,
     int sticky,
-    int robots,
-    uint64_t tick,
     make_room,
 ):
     """Take over the fresher rows of the neighbor `sender`; the columns are those of the table of node `me`.
@@ -36,20 +34,16 @@ def merge(
     Args:
         before: next hops before the first update of this tick.
         sticky: a destination whose entry this leaves as it is.
-        robots: the highest destination that there is.
-        tick: in which they are heard (`agents.limits`).
         make_room: called with a destination that the columns do not reach.
 
     Returns:
-        Freshness of the neighbor's own entry for `sticky`, or -1; -2 at the first impossible row.
+        Freshness of the neighbor's own entry for `sticky`, or -1.
     """
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
     cdef int dst
     cdef uint64_t freshness, offered
     cdef int64_t present
-    cdef unsigned int hop
-    cdef bint possible
     cdef object about_sticky = -1
     cdef const short* hops_before = before.data.as_shorts
     cdef Py_ssize_t known_before = len(before), size = len(freshest)
@@ -57,21 +51,12 @@ def merge(
         dst = raw[0] | raw[1] << 8
         freshness = uint64_at(raw + 2)
         raw += ROW
-        offered = freshness - 1 if freshness & 255 and dst != sticky else freshness
-        hop = 255 - (freshness & 255)
-        possible = (
-            (offered & 256 == 0) == (offered & 255 > 0)
-            and (hop == 0) == (dst == sender)
-            and (freshness >> 9) + (hop if hop < 255 else 0) < tick
-            and dst <= robots
-        )
-        if not possible:
-            return -2
         if dst == sticky:
             about_sticky = freshness
             continue
         if dst == me:
             continue
+        offered = freshness - 1 if freshness & 255 else freshness
         present = freshest.data.as_longlongs[dst] if dst < size else -1
         if present >= 0 and (
             offered < <uint64_t>present
@@ -87,6 +72,35 @@ def merge(
         next_hop.data.as_shorts[dst] = sender if offered & 255 else -1
         memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
+
+def rows_possible(bytes rows, int sender, int sticky, int robots, uint64_t tick):
+    """Whether all rows that a neighbor says in `tick` can be (`agents.limits`): 0, or 1, or 2 with one of its own.
+
+    Args:
+        sticky: a destination to which nobody adds the hop to this neighbor.
+        robots: the highest destination that there is.
+    """
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
+    cdef int dst, found = 1
+    cdef uint64_t freshness, offered
+    cdef unsigned int hop
+    while end - raw >= ROW:
+        dst = raw[0] | raw[1] << 8
+        freshness = uint64_at(raw + 2)
+        raw += ROW
+        offered = freshness - 1 if freshness & 255 and dst != sticky else freshness
+        hop = 255 - (freshness & 255)
+        if (
+            (offered & 256 == 0) != (offered & 255 > 0)
+            or (hop == 0) != (dst == sender)
+            or (freshness >> 9) + (hop if hop < 255 else 0) >= tick
+            or dst > robots
+        ):
+            return 0
+        if hop == 0:
+            found = 2
+    return found if raw == end else 0
 
 def acks_possible(bytes acks, int robots, uint64_t tick):
     """Whether acknowledgements are ascending by robot and incarnation, and of reports that can be by `tick`."""

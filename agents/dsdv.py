@@ -61,8 +61,6 @@ class Router:
                 ms_freshness = self.table.merge(src, update.rows, before, self._sticky, tick)
             except WireError:
                 self.bad_frames += 1
-                if src not in self.neighbors.by_id:
-                    self.table.break_via(src)  # rows merged before the error lead to one who is no neighbor
                 continue
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version

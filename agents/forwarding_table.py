@@ -37,8 +37,8 @@ _PER_METRE: Final = 100_000.0
 
 _FARTHEST: Final = 2**31 - 1
 """What lies farther away is said to be here."""
-_BAD_ROW: Final = -2
-"""What the loop returns for an impossible row."""
+_WITH_OWN: Final = 2
+"""What the loop returns for possible rows with one of the sender's own."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -155,20 +155,19 @@ class ForwardingTable:
             Freshness of the neighbor's own entry for `sticky`, or -1.
 
         Raises:
-            WireError: not a sequence of ROW, an impossible row (agents/limits.py), or no row of the sender's own. Rows
-                before the error are merged.
+            WireError: not a sequence of ROW, an impossible row (agents/limits.py), or no row of the sender's own; then
+                nothing is merged.
         """
-        if len(rows) % ROW.size:
-            raise WireError("not a run of rows")
-        about_sticky = _rows.merge(
-            rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
-            self._robots, tick, self._make_room,
-        )  # fmt: skip
-        if about_sticky == _BAD_ROW:
-            raise WireError("a row with a node, number or metric that can't be")
-        if sender != STATION and self.freshness(sender) < 0:  # everybody knows where the MS is
+        possible = _rows.rows_possible(rows, sender, sticky, self._robots, tick)
+        if not possible:
+            raise WireError("no sequence of rows, or one with a node, number or metric that can't be")
+        # Everybody knows where the MS is.
+        if possible != _WITH_OWN and sender != STATION and self.freshness(sender) < 0:
             raise WireError("a table lacks its sender's own row")
-        return about_sticky
+        return _rows.merge(
+            rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
+            self._make_room,
+        )  # fmt: skip
 
     def break_via(self, neighbor: int) -> None:
         """Break every route through a neighbor: infinite hop count, and number + 1, which is odd [paper 2.6, 2.8]."""

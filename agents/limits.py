@@ -25,7 +25,7 @@ class Limits:
     """The limits of one run."""
 
     def __init__(self, config: RobotConfig) -> None:
-        self.robots = config.robots
+        self._robots = config.robots
         self._geometry = config.geometry
         self._changes = 2 * config.geometry.size
         self._chunk_cells = config.rules.reporting.chunk_cells
@@ -36,9 +36,9 @@ class Limits:
         Raises:
             WireError: it names a node that there is not, or numbers that nobody can have reached.
         """
-        integer(max(update.nms, update.hold), -1, self.robots)
+        integer(max(update.nms, update.hold), -1, self._robots)
         integer(update.map_version, 0, self._changes)
-        if not _rows.acks_possible(update.acks, self.robots, tick):
+        if not _rows.acks_possible(update.acks, self._robots, tick):
             raise WireError("acknowledgements are not ascending, or of reports that can't be")
 
     def check_report(self, report: ScanReport, tick: int) -> None:
@@ -47,7 +47,7 @@ class Limits:
         Raises:
             WireError: it is of no robot, or later than any can be, or what it saw lies outside the grid.
         """
-        integer(report.origin, 1, self.robots)
+        integer(report.origin, 1, self._robots)
         integer(report.incarnation + report.number, 1, tick)
         if not self._geometry.holds(report.cells) or len(np.unique(report.cells)) != len(report.cells):
             raise WireError("a cell lies outside the grid, or is there twice")
@@ -55,12 +55,10 @@ class Limits:
             raise WireError("a victim lies outside the grid")
 
     def check_chunk(self, chunk: MapChunk) -> None:
-        """Check changes of the MS's map, by themselves.
+        """Check the numbers of changes of the MS's map; what they change is checked by `MapCopy`.
 
         Raises:
-            WireError: they are more than the MS makes or sends at once, or a cell lies outside the grid.
+            WireError: they are more than the MS makes, or sends at once.
         """
         integer(chunk.first + len(chunk.cells), 0, self._changes)
         integer(len(chunk.cells), 0, self._chunk_cells)
-        if not self._geometry.holds(chunk.cells):
-            raise WireError("a cell lies outside the grid")

@@ -69,13 +69,13 @@ class MapCopy(MapDownlink):
         """Take a chunk; returns the new cells and values, none of them if the chunk would leave a gap.
 
         Raises:
-            WireError: a change that changes nothing, so the MS did not make it.
+            WireError: a change outside the grid, or one that changes nothing: the MS did not make it.
         """
         known = self.version - chunk.first
         if known < 0 or known >= len(chunk.cells):
             return chunk.cells[:0], chunk.values[:0]
         cells, values = chunk.cells[known:], chunk.values[known:]
         if not _cells.carry_out(self._map, cells, values):
-            raise WireError("a change of the map that changes nothing")
+            raise WireError("a change of the map that changes nothing, or of no cell")
         self.append(cells, values)
         return cells, values

@@ -73,6 +73,17 @@ def test_agents_see_of_world_and_medium_only_messages_terms_and_grid() -> None:
     assert {path: names for path, names in found.items() if names} == {}
 
 
+def test_no_message_repeats_a_value_whatever_its_length() -> None:
+    """`{value!r}` raises for a thousand lists within lists, and repeats a text of any length; `shown` does neither."""
+    found = {
+        f"{path}:{node.lineno}"
+        for path, tree in sources("bus", *CORE_PACKAGES, "deploy")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FormattedValue) and node.conversion == ord("r")
+    }
+    assert not found
+
+
 def test_cores_open_print_and_ask_nothing() -> None:
     builtins = {"open", "print", "input", "breakpoint", "exec", "eval", "__import__"}
     found = [

@@ -236,7 +236,8 @@ def _victims(
     places = []
     for cell in cells:
         if count > len(cell.cells):
-            raise ScenarioError(f"victims.per_cell = {count}: cell '{cell.name}' has only {len(cell.cells)} places")
+            only = f"cell '{shown(cell.name)}' has only {len(cell.cells)} places"
+            raise ScenarioError(f"victims.per_cell = {count}: {only}")
         places.append(geometry.centers(generator.choice(cell.cells, count, replace=False)))
     return np.concatenate(places)
 

@@ -206,7 +206,7 @@ def _values(key: str, given: Any) -> Sequence[Any]:
     if isinstance(given, str) and key != "fault" and (found := _RANGE.fullmatch(given)):
         first, last = map(int, found.groups())
         if last - first >= _MOST_STEPS:
-            raise ScenarioError(f"axes.{shown(key)} = {given!r}: more than {_MOST_STEPS:,} values")
+            raise ScenarioError(f"axes.{shown(key)} = '{shown(given)}': more than {_MOST_STEPS:,} values")
         given = list(range(first, last + 1))
     if not isinstance(given, list) or not given:
         what = 'expected a list of values, or a range such as "1..10"'

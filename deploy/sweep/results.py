@@ -17,6 +17,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bus.excerpt import shown
 from deploy.json_file import read_object
 from deploy.sweep.plan import Point
 from deploy.sweep.row import ERROR, Finished
@@ -142,7 +143,7 @@ def differences(left: Iterable[Row], right: Iterable[Row]) -> list[str]:
             continue
         names = sorted(name for name in row.keys() | other.keys() if name.partition(".")[0] not in WALL_COLUMNS)
         lines += [
-            f"{row['key']} {name}: {row.get(name)!r} against {other.get(name)!r}"
+            f"{row['key']} {name}: {shown(row.get(name))} against {shown(other.get(name))}"
             for name in names
             if row.get(name) != other.get(name) and name != "scenario_toml"
         ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import random
-import struct
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
 from agents.messages import ACK, MapChunk, ScanReport, Update
 from agents.policies import policy_class
+from agents.predicted_links import PredictedLinks
 from agents.robot import Robot
 from bus.codec import pack
 from deploy.scenario import load
@@ -221,9 +223,9 @@ def test_a_robot_whose_whole_map_is_said_to_be_wall_goes_on(policy: str) -> None
 def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
     listener = Listener("vds")
     size = listener.robot.body.map.geometry.size
-    free = [0, 1, 2]
+    cells = [5, 1, 2]
     bad = [
-        chunk(0, np.zeros(2001), np.zeros(2001)),  # more than is sent at once
+        chunk(0, np.arange(2001), np.zeros(2001)),  # more than is sent at once
         chunk(2_000_306, [1], [1]),  # a number beyond two of each cell
         chunk(2 * size - 1, [1, 2], [1, 1]),
         chunk(0, [size], [1]),  # no cell
@@ -234,11 +236,11 @@ def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
     for reception in bad:
         listener.step(reception)
     assert (listener.bad, listener.robot.downlink.version) == (len(bad), 0)
-    listener.step(chunk(0, free, [0, 0, 1]))
+    listener.step(chunk(0, cells, [0, 0, 1]))
     listener.step(chunk(2, [2, 1], [1, 1]))  # what is known, and a cell that turned out to be a wall
-    listener.step(chunk(4, free[:1], [0]))  # again
+    listener.step(chunk(4, cells[:1], [0]))  # again
     assert (listener.bad, listener.robot.downlink.version) == (len(bad) + 1, 4)
-    assert listener.robot.body.map.cells[:3].tolist() == [0, 1, 1]
+    assert listener.robot.body.map.cells[cells].tolist() == [0, 1, 1]
 
 
 def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
@@ -255,17 +257,16 @@ def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
     assert (uplink.buffered, listener.bad) == (0, 2)
 
 
-def test_walls_without_number_make_a_place_infinitely_far_and_no_more() -> None:
-    listener = Listener("scout", **{"radio.model": "log_distance", "radio.wall_loss_db": 60.0})
-    listener.until(6)
-    robot, tick = listener.robot, listener.tick
-    stripes = robot.body.map.cells.reshape(robot.body.map.geometry.rows, -1)
-    stripes[:, ::2] = OCCUPIED
-    away = ROW.pack(2, freshness_of(2 * (tick - 1), 0), struct.pack("<H4i", 0, -(2**31), 2**31 - 1, 0, 0))
-    away += ROW.pack(STATION, freshness_of(2 * (tick - 2), 1), bytes(18))
-    listener.step(said(2, tick, rows=away))
-    listener.until(tick + 5)
-    assert robot.body.router.neighbors.hear(3, tick, -1e308).distance_m > 1e100
+@pytest.mark.parametrize("wall_factor", [1e20, math.inf])
+def test_walls_without_number_and_powers_without_measure_make_a_node_very_far_away(wall_factor: float) -> None:
+    robot = Listener("scout").robot
+    body = robot.body
+    body.config = dataclasses.replace(body.config, wall_factor=wall_factor)
+    stripes = body.map.cells.reshape(body.map.geometry.rows, -1)
+    stripes[:, ::2], stripes[:, 1::2] = OCCUPIED, FREE  # two dozen walls up to node 2
+    body.router.table.set_inherent(2, 0, (52.0, 35.0), (0.0, 0.0))
+    assert PredictedLinks(body, predict=True).predicted_m((28.0, 35.0), 2) > 1e100
+    assert body.router.neighbors.hear(3, 1, -1e308).distance_m > 1e100
 
 
 def test_what_a_robot_says_of_far_away_places_fits_its_row() -> None:

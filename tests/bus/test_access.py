@@ -263,10 +263,16 @@ def test_run_name_must_be_one_chunk(name: str) -> None:
         check_run(name)
 
 
-@pytest.mark.parametrize("token", ["4/nonsense", "4/*", "4/-0000001", "x/00000001", "4/1", "4/123456789"])
+@pytest.mark.parametrize(
+    "token", ["4/nonsense", "4/*", "4/-0000001", "x/00000001", "4/1", "4/123456789", "9" * 5000 + "/00000001"]
+)
 def test_a_token_that_is_none_is_a_wire_error(token: str) -> None:
     with pytest.raises(WireError):
         Keys.token_of(f"vds/run/alive/robot/{token}")
+    with pytest.raises(WireError):
+        Keys.token_of(token.rpartition("/")[2])
+    with pytest.raises(WireError):
+        Keys.node_of(f"vds/run/@sim/tx/{'9' * 5000}")
 
 
 def test_keys_are_read_back() -> None:

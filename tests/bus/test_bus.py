@@ -241,13 +241,16 @@ def test_arrays_and_faults_survive_json() -> None:
 def test_bad_credentials_file_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "credentials"
     login = credentials("run", "tcp/127.0.0.1:7447", 3)["robot-3"]
-    for content in (None, "", "{}", json.dumps({"login": plain(login)})):
+    deep, long = "[" * 10**5, json.dumps({"login": plain(login), "config": {"node": "x" * 10**5, "y" * 10**5: 1}})
+    for content in (None, "", "{}", json.dumps({"login": plain(login)}), "[]", '{"login": []}', deep, long, "9" * 5000):
         if content is not None:
             path.write_text(content)
         with pytest.raises(SystemExit) as ended:
             agents_main(["--credentials", str(path)])
         assert ended.value.code == 2
-        assert capsys.readouterr().err.count("\n") == 1
+        words = capsys.readouterr().err
+        assert words.count("\n") == 1
+        assert len(words) < 600
     write(path, login, config=_robot_config())
     with pytest.raises(SystemExit) as ended:
         agents_main(["--credentials", str(path), "--id", "2"])

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import random
+import struct
 from dataclasses import dataclass
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bus.mailbox import PART_BYTES, Mailbox, in_parts
+
+MARK = struct.Struct("<III")
+"""Message, part, parts."""
 
 
 @dataclass(frozen=True)
@@ -84,3 +88,13 @@ def test_what_a_stranger_attaches_is_left_to_the_decoders() -> None:
     mailbox = Mailbox()
     mailbox.put(Sample("k", Bytes(b"x"), Bytes(b"?")))  # type: ignore[arg-type]
     assert emptied(mailbox) == [("k", b"x")]
+
+
+def test_parts_that_no_process_of_ours_sends_are_not_kept() -> None:
+    """One who raises the number of parts with each part, and one whose parts are longer than a link takes."""
+    mailbox = Mailbox()
+    for part in range(9):
+        mailbox.put(Sample("k", Bytes(b"x"), Bytes(MARK.pack(7, part, 5000 + part))))  # type: ignore[arg-type]
+    mailbox.put(Sample("k", Bytes(bytes(PART_BYTES + 1)), Bytes(MARK.pack(8, 0, 2))))  # type: ignore[arg-type]
+    assert emptied(mailbox) == []
+    assert not any(mailbox._begun.values())

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deploy.processes.operator_file import OPERATOR, living_launcher
+from deploy.processes.operator_file import OPERATOR, living_launcher, read_operator
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
 from world.feed import Event, Snapshot
@@ -129,6 +129,12 @@ def test_a_run_lives_as_long_as_its_launcher(tmp_path: Path) -> None:
     assert living_launcher(tmp_path) == 1
     (tmp_path / OPERATOR).write_text('{"launcher": 4194305}')
     assert living_launcher(tmp_path) is None, "no pid is that high"
+    for content in ("", "[]", '{"launcher": -1}', '{"launcher": 0}', '{"launcher": "1"}', "[" * 10**5, "9" * 5000):
+        (tmp_path / OPERATOR).write_text(content)
+        assert living_launcher(tmp_path) is None
+        with pytest.raises(ValueError, match=OPERATOR) as refused:
+            read_operator(tmp_path)
+        assert len(str(refused.value)) < 300
 
 
 def test_a_folder_that_is_used_again_keeps_nothing_of_the_earlier_run(tmp_path: Path) -> None:

@@ -22,11 +22,15 @@ class OracleTable(ForwardingTable):
 
     def merge(self, sender: int, rows: bytes, before: array[int], sticky: int, tick: int) -> int:
         about_sticky = -1
-        if len(rows) % ROW.size:
-            raise WireError("not a run of rows")
+        possible = len(rows) % ROW.size == 0 and all(
+            dst <= self._robots and _possible(dst, freshness, sender, tick)
+            for dst, freshness, _ in ROW.iter_unpack(rows)
+        )
+        if not possible:
+            raise WireError("no sequence of rows, or one with a node, number or metric that can't be")
+        if sender not in (STATION, *(dst for dst, _, _ in ROW.iter_unpack(rows)), *self.known):
+            raise WireError("a table lacks its sender's own row")
         for dst, freshness, inherent in ROW.iter_unpack(rows):
-            if dst > self._robots or not _possible(dst, freshness, sender, tick):
-                raise WireError("a row with a node, number or metric that can't be")
             if dst == sticky:
                 about_sticky = freshness
                 continue
@@ -39,8 +43,6 @@ class OracleTable(ForwardingTable):
                 continue
             self.set_route(dst, offered, sender)
             self._inherent[dst * 18 : (dst + 1) * 18] = inherent
-        if sender != STATION and self.freshness(sender) < 0:
-            raise WireError("a table lacks its sender's own row")
         return about_sticky
 
     def search_robots(self) -> list[int]:

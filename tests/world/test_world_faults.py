@@ -290,13 +290,15 @@ def test_faults_as_the_command_line_has_them(text: str, fault: Fault) -> None:
         "", "kill", "kill:4", "kill:@5", "kill:4@", "kill:4@x", "kill:4@5+2", "kill:0@5", "kill:-1@5", "kill:x@5",
         "kill:relay:last@5", "kill:nms-of:x@5", "pause:4@5", "restart:4@5+0", "restart:4@5+0.01", "kill:4@nan",
         "kill:4@-5", "jam:3@5+1", "jam:3,3@5+1", "jam:a,b@5+1", "jam:1,2,1,4@5+1", "jam:1,nan,3,4@5+1", "loss:2@5+1",
-        "loss:0@5+1", "loss:x@5+1", "loss:nan@5+1", "shoot:4@5", "kill:4@5@6",
+        "loss:0@5+1", "loss:x@5+1", "loss:nan@5+1", "shoot:4@5", "kill:4@5@6", "jam:0,1@1+1e308", "kill:4@1e300",
+        "jam:0,0,1e9,1e9@5+5", "x" * 10**6, "kill:" + "1" * 5000 + "@5", "jam:1," + "2" * 5000 + "@5+1",
     ],
 )  # fmt: skip
 def test_bad_faults_are_one_clear_line(text: str) -> None:
     with pytest.raises(ValueError, match="fault '") as caught:
         parse_fault(text)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
 
 
 def test_fault_against_the_run() -> None:
