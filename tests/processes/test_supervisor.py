@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing.forkserver
 import os
 import signal
 import subprocess
@@ -53,6 +54,8 @@ def reports() -> None:
 
 @pytest.fixture
 def supervisor(tmp_path: Path) -> Iterator[Supervisor]:
+    # Python keeps one fork server, with the modules and the environment of whichever test started it.
+    multiprocessing.forkserver._forkserver._stop()
     with Supervisor("test", tmp_path / "logs", PRELOAD) as running:
         yield running
         pids = list(running.pids.values())
