@@ -6,7 +6,9 @@ be found as modules of other names:
 
     if __name__ == "__main__":
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
-        sys.exit(main())
+        from deploy.command import entry
+
+        entry(main)
 """
 
 from __future__ import annotations
@@ -14,12 +16,15 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
-__all__ = ["ROOT", "Parser", "refuse", "require"]
+from deploy.screen.outlet import keep_writing, lost
+
+__all__ = ["INTERRUPTED", "ROOT", "SIGNALS", "Parser", "entry", "refuse", "require"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 """The checkout."""
@@ -30,12 +35,47 @@ NEEDED: Final = (
 )  # fmt: skip
 """The modules of the packages that the project depends on (pyproject.toml)."""
 
+INTERRUPTED: Final = 130
+"""Exit status of a command that was interrupted before it came to a result."""
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""By which a user, a batch system or the end of a terminal asks a command to end."""
+
 
 class Parser(argparse.ArgumentParser):
     """A command line that says what is wrong with it in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+
+
+def entry(main: Callable[[], int]) -> NoReturn:
+    """Run a command to its exit status, whatever becomes of the terminal, the pipe or the disk that it writes to."""
+    _use_utf_8()
+    keep_writing()
+    script = Path(sys.argv[0]).name
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # by nohup
+            signal.signal(number, signal.default_int_handler)
+    status: object = INTERRUPTED
+    try:
+        status = main()
+    except SystemExit as end:
+        status = end.code
+    except KeyboardInterrupt:
+        print(f"{script}: interrupted", file=sys.stderr)
+    # The status is settled: a signal that comes late must not replace it.
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    for stream, why in lost().items():
+        print(f"{script}: {stream} could not be written: {why}", file=sys.stderr)
+        status = status or 1
+    sys.exit(status)  # type: ignore[arg-type]  # what SystemExit holds
+
+
+def _use_utf_8() -> None:
+    """Go on in Python's UTF-8 mode where the locale has another encoding, which lacks letters of names and files."""
+    if sys.getfilesystemencoding() != "utf-8":
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
 
 
 def refuse(script: str, problem: object) -> int:

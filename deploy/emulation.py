@@ -1,7 +1,7 @@
 """A run of real processes in the hands of a program: started, watched, struck by hand, and asked for its verdicts.
 
-The run is `deploy/run_local.py` in a process of its own, begun held until its owner listens, so nothing is missed.
-`deploy/testing.py` makes a pytest fixture of it.
+The run is `deploy/run_local.py` in a process of its own, begun held until its owner listens, so nothing is missed. It
+ends with its owner, however that one dies. `deploy/testing.py` makes a pytest fixture of it.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
 from deploy.processes.operator_file import read_operator
+from deploy.processes.scratch import Scratch
 from deploy.scenario import load
 from world.faults import parse_fault
 from world.feed import Event, Snapshot, unpack_feed
@@ -54,7 +56,7 @@ class Emulation:
 
         Args:
             scenario: name of a scenario, path of a .toml file, or of a map's .yaml file.
-            folder: run folder.
+            folder: run folder, new or empty.
             faults: as the command line has them ("kill:relay:mid@60") or as a scenario's [[fault]] does.
             record: leave a recording.
             overrides: keys of the scenario, a dot written as two underscores: robots=6, radius_m=10.0,
@@ -62,6 +64,7 @@ class Emulation:
 
         Raises:
             ScenarioError: the scenario can't be run.
+            ScratchError: there is no place for temporary files.
             EmulationError: the run did not start.
         """
         values = {key.replace("__", "."): value for key, value in overrides.items()}
@@ -73,16 +76,19 @@ class Emulation:
         """All so far."""
         self.snapshots: list[Snapshot] = []
         """All so far, one per tick."""
-        folder.mkdir(parents=True, exist_ok=True)
-        resolved = folder / "asked.toml"
+        self._scratch = Scratch()
+        resolved = self._scratch.path / "asked.toml"
         resolved.write_text(self.scenario.to_toml(), encoding="utf-8")
-        (folder / "pids.json").unlink(missing_ok=True)
-        command = [sys.executable, str(SCRIPT), "--scenario", str(resolved), "--out", str(folder), "--hold"]
-        self._words = (folder / "launcher.log").open("w+", encoding="utf-8")
-        self._process = subprocess.Popen(
-            command if record else [*command, "--no-recording"],
-            stdout=self._words, stderr=self._words, start_new_session=True,
-        )  # fmt: skip
+        command = [
+            sys.executable, str(SCRIPT), "--scenario", str(resolved), "--out", str(folder), "--hold",
+            "--owner", str(os.getpid()),
+        ]  # fmt: skip
+        self._words = self._scratch.path / "launcher.log"
+        with self._words.open("wb") as words:
+            self._process = subprocess.Popen(
+                command if record else [*command, "--no-recording"],
+                stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True,
+            )  # fmt: skip
         self._mailbox = Mailbox()
         self._session: Session | None = None
         self._summary: dict[str, Any] | None = None
@@ -228,7 +234,9 @@ class Emulation:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._words.close()
+        with contextlib.suppress(OSError):  # the run did not begin, or close was called before
+            shutil.copyfile(self._words, self.folder / "logs" / self._words.name)
+        self._scratch.close()
 
     def __enter__(self) -> Self:
         return self
@@ -280,9 +288,9 @@ class Emulation:
                 self.events.append(Event.decode(payload))
 
     def _tail(self) -> str:
-        if self._words.closed:
+        if not self._words.exists():
             return "closed"
-        lines = Path(self._words.name).read_text(encoding="utf-8").splitlines()
+        lines = self._words.read_text(encoding="utf-8").splitlines()
         return " | ".join(lines[-5:]) or "it said nothing"
 
 

@@ -34,6 +34,7 @@ from deploy.processes.processors import places, shared
 from deploy.processes.supervisor import Exit, Supervisor
 from deploy.run_folder.writer import RunFolder
 from world.feed import Event, Signal, unpack_feed
+from world.own_file import write_whole
 from world.terms import STATION, TICK_S
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ class Outcome:
 
     summary: dict[str, Any]
     failures: tuple[str, ...]
-    """Processes that failed: one line each, then the end of its log. Empty if the run ended as asked."""
+    """Processes that failed, one line each, then the end of its log; and files that could not be written. Empty if the
+    run ended as asked."""
 
     @property
     def exit_status(self) -> int:
@@ -71,7 +73,7 @@ class Outcome:
 
 def run_name(folder: Path) -> str:
     """A run's name as a key chunk, after its folder."""
-    name = "".join("-" if c in "/*$?#@" or c.isspace() else c for c in folder.resolve().name)
+    name = "".join("-" if c in "/*$?#@" or c.isspace() or not c.isprintable() else c for c in folder.resolve().name)
     return check_run(name or "run")
 
 
@@ -146,11 +148,13 @@ class Launcher:
         session: Session | None = None
         pump: _Pump | None = None
         try:
-            with Supervisor(self._run, self._folder.path / "logs", PRELOAD, self._places) as self._supervisor:
+            lock = self._folder.claim.lock
+            with Supervisor(self._run, self._folder.path / "logs", PRELOAD, self._places, lock) as self._supervisor:
                 self._start_all_but_one(self._supervisor)
                 session = self._connect(self._supervisor)
                 if session is not None:
-                    write_operator(self._folder.path, self._logins["operator"])
+                    with self._folder.unwritten.noting(OPERATOR):
+                        write_operator(self._folder.path, self._logins["operator"])
                     pump = _Pump(session, self._mail, self._supervisor.wake)
                     # The medium, which hosts the router, stays until this token drops.
                     session.declare(new_token("operator"))
@@ -191,28 +195,27 @@ class Launcher:
 
     def _show_pids(self, supervisor: Supervisor) -> None:
         pids = {"launcher": os.getpid(), **supervisor.pids}
-        draft = self._folder.path / "pids.json.part"
-        draft.write_text(json.dumps(pids, indent=1) + "\n", encoding="utf-8")
-        draft.replace(self._folder.path / "pids.json")
+        with self._folder.unwritten.noting("pids.json"):
+            write_whole(self._folder.path / "pids.json", json.dumps(pids, indent=1) + "\n")
         self._view.processes(supervisor.pids)
 
     def _connect(self, supervisor: Supervisor) -> Session | None:
         """Log in as the operator, in a thread: a medium that failed or a Ctrl-C must not have to wait for that."""
-        opened: list[Session | BusError] = []
+        opened: list[Session | Exception] = []
 
         def connect() -> None:
             try:
                 opened.append(Session.connect(self._logins["operator"], watching=True))
-            except BusError as error:
+            except Exception as error:  # whatever it is, who waits for this thread must learn of it
                 opened.append(error)
             supervisor.wake()
 
         threading.Thread(target=connect, name="log in", daemon=True).start()
         while not opened:
-            self._ends(supervisor.wait())
             if self._lost or self._asked_to_stop:
                 return None
-        if isinstance(opened[0], BusError):
+            self._ends(supervisor.wait())
+        if isinstance(opened[0], Exception):
             self._lose(f"the launcher could not join the run: {opened[0]}")
             return None
         return opened[0]
@@ -220,13 +223,13 @@ class Launcher:
     def _attend(self, supervisor: Supervisor, session: Session) -> None:
         """Carry the run to its end."""
         while supervisor.pids:
+            if self._asked_to_stop > self._seen_stop:
+                self._stop_asked(session)
             left = None if self._give_up_at is None else max(0.0, self._give_up_at - time.monotonic())
             if left == 0.0:
                 return
             self._ends(supervisor.wait(left))
             self._take_mail()
-            if self._asked_to_stop > self._seen_stop:
-                self._stop_asked(session)
             if not self._owed and not {"world", process_name(STATION)} & supervisor.pids.keys():
                 if supervisor.pids.keys() == {"medium"}:
                     session.close()
@@ -251,6 +254,11 @@ class Launcher:
     def _ends(self, ends: list[Exit], *, expected: bool = False) -> None:
         # Those that were lost for want of another come after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
+            if end.words:
+                self._failures.append(f"{end.name}: {end.words}")
+            # Whoever asks this launcher to end may ask the whole process group; the others are lost then.
+            if self._asked_to_stop and end.code in (-signal.SIGTERM, LOST_STATUS):
+                continue
             if expected or end.code == 0:
                 # One that was killed or never came owes nothing.
                 if end.name == process_name(STATION) and end.name not in self._finals:
@@ -370,7 +378,7 @@ class Launcher:
         summary = self._folder.finish(self._finals, wall_s, status=status, failures=self._failures)
         if summary["status"] == "failed" and not self._failures:
             self._failures.append(f"the world ended the run as failed at {summary['ticks'] * TICK_S:.1f} s")
-        return Outcome(summary, tuple(self._failures))
+        return Outcome(summary, (*self._failures, *self._folder.unwritten.lines))
 
 
 class _Pump:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from bus.access import Login
+from world.own_file import write_whole
 
 __all__ = ["OPERATOR", "living_launcher", "read_operator", "write_operator"]
 
@@ -16,15 +17,11 @@ OPERATOR: Final = "operator.json"
 
 def write_operator(folder: Path, login: Login) -> None:
     """Leave the operator's credentials and this process's id, readable by this user only."""
-    draft = folder / f"{OPERATOR}.part"
-    draft.unlink(missing_ok=True)
     text = json.dumps({
         "run": login.run, "endpoint": login.endpoint, "user": login.user, "password": login.password,
         "launcher": os.getpid(),
     })  # fmt: skip
-    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(text)
-    draft.replace(folder / OPERATOR)
+    write_whole(folder / OPERATOR, text, mode=0o600)
 
 
 def read_operator(folder: Path) -> Login:

@@ -5,6 +5,7 @@ Only this process writes results, so workers need no shared disk; one that is lo
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import signal
 import threading
@@ -14,12 +15,16 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
+from deploy.processes.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
 
 __all__ = ["DaskCluster", "Execution", "LocalPool"]
+
+_OF_WORKER: Final = contextlib.ExitStack()
+"""What a worker of a local pool holds until it ends."""
 
 
 class Workers(Protocol):
@@ -100,9 +105,13 @@ class DaskCluster:
 
 def _begin_worker(lifeline: Connection) -> None:
     one_thread()
-    # Ctrl-C goes to the whole terminal; the study decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and the end of a terminal go to all its processes; the study decides what they mean.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
+    # A worker ends without a word, with its runs under way: what they have in temporary folders goes with it.
+    scratch = _OF_WORKER.enter_context(Scratch())
+    _OF_WORKER.enter_context(home_of_tempfile(scratch.path))
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -10,7 +11,7 @@ import signal
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,21 @@ def tiny(folder: Path, seeds: int, duration: float) -> Path:
     path = folder / "tiny.toml"
     path.write_text(TINY.format(seeds=seeds, duration=duration))
     return path
+
+
+Claimed = Callable[[Path], Results]
+
+
+@pytest.fixture
+def claimed() -> Iterator[Claimed]:
+    with contextlib.ExitStack() as held:
+
+        def claim(folder: Path) -> Results:
+            results = held.enter_context(contextlib.closing(Results(folder)))
+            results.claim()
+            return results
+
+        yield claim
 
 
 def row(robots: int, radius_m: float, seed: int, time_s: float | None, **more: Any) -> dict[str, Any]:
@@ -119,9 +135,9 @@ set.rules.routing.sticky = true
     assert efforts == sorted(efforts, reverse=True)
 
 
-def test_a_stored_scenario_is_the_very_run(tmp_path: Path) -> None:
+def test_a_stored_scenario_is_the_very_run(tmp_path: Path, claimed: Claimed) -> None:
     point = points_of(load_study(str(tiny(tmp_path, 1, 5.0))))[0]
-    results = Results(tmp_path / "out")
+    results = claimed(tmp_path / "out")
     results.plan([point])
     assert load(results.scenario_path(point.key)).to_toml() == point.toml
 
@@ -174,8 +190,8 @@ def finished(key: str, **more: Any) -> Finished:
     return Finished({**row(2, 20.0, 1, None), "key": key, **more}, cells)
 
 
-def test_parts_and_tables_hold_the_same(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_parts_and_tables_hold_the_same(tmp_path: Path, claimed: Claimed) -> None:
+    results = claimed(tmp_path)
     results.add(finished("a", speed=2.0))
     results.add(finished("b", speed="max"))
     series = results.series()
@@ -193,14 +209,14 @@ def test_parts_and_tables_hold_the_same(tmp_path: Path) -> None:
     assert (tmp_path / "results.csv").read_text().count("\n") == 4
 
 
-def test_an_unfinished_file_is_no_result(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_an_unfinished_file_is_no_result(tmp_path: Path, claimed: Claimed) -> None:
+    results = claimed(tmp_path)
     (tmp_path / "parts" / "a.json.part").write_text('{"row": {"ke')
     assert results.done() == set()
 
 
-def test_failed_runs_are_done_unless_asked_for_again(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_failed_runs_are_done_unless_asked_for_again(tmp_path: Path, claimed: Claimed) -> None:
+    results = claimed(tmp_path)
     results.add(finished("a", status=ERROR, error="ValueError: no"))
     results.add(finished("b"))
     assert results.done() == {"a", "b"}
@@ -216,9 +232,9 @@ def test_differences_pass_over_wall_time_only() -> None:
 # Execution
 
 
-def test_only_what_is_missing_is_run(tmp_path: Path) -> None:
+def test_only_what_is_missing_is_run(tmp_path: Path, claimed: Claimed) -> None:
     points = points_of(load_study(str(tiny(tmp_path, 5, 5.0))))
-    results = Results(tmp_path / "out")
+    results = claimed(tmp_path / "out")
     workers = Threads()
     for _, run in Execution(workers, "in-process", 1, pretend).results(points[:3]):
         results.add(run)
@@ -475,12 +491,12 @@ def as_planned(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{**r, "key": keys[r["variant"], r["robots"], r["radius_m"], r["seed"]]} for r in rows]
 
 
-def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
+def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path, claimed: Claimed) -> None:
     studies, docs = tmp_path / "studies", tmp_path / "docs"
     pages = write_report(studies, docs)
     assert [page.name for page in pages] == ["results.md", "policies.md"]
     assert sum(page.read_text().count("Not measured yet") for page in pages) == len(study_names())
-    results = Results(studies / "fig7")
+    results = claimed(studies / "fig7")
     for found in as_planned("fig7", fig7_rows()):
         results.add(Finished(found, {}))
     superseded = {**row(12, 20.0, 11, 9999.0), "key": "of-a-former-plan"}
@@ -497,8 +513,10 @@ def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
     assert (docs / "results" / "fig7.csv").exists()
 
 
-def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(tmp_path: Path) -> None:
-    results = Results(tmp_path / "studies" / "policies")
+def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(
+    tmp_path: Path, claimed: Claimed
+) -> None:
+    results = claimed(tmp_path / "studies" / "policies")
     means_s = {"vds": 400.0, "scout": 200.0, "scout at 1 km/h": 300.0}
     rows = [row(9, 20.0, seed, time_s, variant=v) for v, time_s in means_s.items() for seed in (1, 2)]
     for found in as_planned("policies", rows):
