@@ -6,11 +6,11 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench bench-compiled acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled acceptance chaos study clean
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py $(wildcard */_*.pyx) bus/built.pxi
+$(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py bus/built.py bus/built.pxi $(wildcard */_*.pyx */*/_*.pyx)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
@@ -43,6 +43,13 @@ bench: setup
 
 bench-compiled: compiled
 	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m tests.bench $(ARGS)
+
+# All property tests with twenty times their examples. ARGS='-k no_loop --examples-times 2000' is the long run of routing.
+properties: setup
+	$(BIN)/python -m pytest -m hypothesis --examples-times 20 --timeout 0 $(ARGS)
+
+properties-compiled: compiled
+	cd build/compiled && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python -m pytest $(CURDIR)/tests -c $(CURDIR)/pyproject.toml -m hypothesis --examples-times 20 --timeout 0 $(ARGS)
 
 acceptance: setup
 	$(BIN)/python -m tests.acceptance $(ARGS) | tee docs/acceptance.md

@@ -105,6 +105,20 @@ def apply(signed char[::1] cells, const uint32_t[::1] theirs, const int8_t[::1] 
         changed[k] = theirs[changed[k]]
     return out[:found]
 
+def carry_out(signed char[::1] cells, const uint32_t[::1] changed, const int8_t[::1] values):
+    """Carry out changes in their order. Each must raise a cell of the grid: else False, and nothing is changed."""
+    cdef Py_ssize_t n = changed.shape[0], k, done = 0
+    out = np.empty(n, np.int8)
+    cdef int8_t[::1] before = out
+    while done < n and changed[done] < cells.shape[0] and values[done] > cells[changed[done]]:
+        before[done] = cells[changed[done]]
+        cells[changed[done]] = values[done]
+        done += 1
+    if done < n:
+        for k in range(done - 1, -1, -1):
+            cells[changed[k]] = before[k]
+    return done == n
+
 def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
     """Whether a cell is known free and one of its four neighbors unknown; what is outside counts as known."""
     cdef Py_ssize_t col = index % cols

@@ -1,5 +1,5 @@
 # cython: language_level=3
-"""Loops over the rows of a forwarding table; `agents.forwarding_table` says what a row is.
+"""Loops over the rows of a forwarding table (`agents.forwarding_table`) and over acknowledgements (`agents.messages`).
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
 `-march`; setup.py). The rows come from a peer: `merge` checks every destination before it is an index.
@@ -14,6 +14,7 @@ from libc.string cimport memcpy
 cdef enum:
     ROW = 28
     INHERENT = 18
+    ACK = 8
 
 
 def merge(
@@ -26,8 +27,8 @@ def merge(
     bytearray inherent,
     array.array before,
     int sticky,
-    int max_node,
-    uint64_t most_fresh,
+    int robots,
+    uint64_t tick,
     make_room,
 ):
     """Take over the fresher rows of the neighbor `sender`; the columns are those of the table of node `me`.
@@ -35,8 +36,8 @@ def merge(
     Args:
         before: next hops before the first update of this tick.
         sticky: a destination whose entry this leaves as it is.
-        max_node: the highest destination that there is.
-        most_fresh: no freshness is as large.
+        robots: the highest destination that there is.
+        tick: in which they are heard (`agents.limits`).
         make_room: called with a destination that the columns do not reach.
 
     Returns:
@@ -47,6 +48,7 @@ def merge(
     cdef int dst
     cdef uint64_t freshness, offered
     cdef int64_t present
+    cdef unsigned int hop
     cdef bint possible
     cdef object about_sticky = -1
     cdef const short* hops_before = before.data.as_shorts
@@ -56,24 +58,26 @@ def merge(
         freshness = uint64_at(raw + 2)
         raw += ROW
         offered = freshness - 1 if freshness & 255 and dst != sticky else freshness
-        possible = (offered & 256 == 0) == (offered & 255 > 0) and offered < most_fresh
+        hop = 255 - (freshness & 255)
+        possible = (
+            (offered & 256 == 0) == (offered & 255 > 0)
+            and (hop == 0) == (dst == sender)
+            and (freshness >> 9) + (hop if hop < 255 else 0) < tick
+            and dst <= robots
+        )
+        if not possible:
+            return -2
         if dst == sticky:
-            if not possible:
-                return -2
             about_sticky = freshness
             continue
         if dst == me:
             continue
-        if dst > max_node:
-            return -2
         present = freshest.data.as_longlongs[dst] if dst < size else -1
         if present >= 0 and (
             offered < <uint64_t>present
             or (offered == <uint64_t>present and (dst >= known_before or hops_before[dst] != sender))
         ):
             continue
-        if not possible:
-            return -2
         if present < 0:
             known.append(dst)
         if dst >= size:
@@ -83,6 +87,23 @@ def merge(
         next_hop.data.as_shorts[dst] = sender if offered & 255 else -1
         memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
+
+def acks_possible(bytes acks, int robots, uint64_t tick):
+    """Whether acknowledgements are ascending by robot and incarnation, and of reports that can be by `tick`."""
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(acks)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(acks)
+    cdef int robot
+    cdef int64_t source, before = -1
+    cdef uint64_t number
+    while end - raw >= ACK:
+        robot = raw[0] | raw[1] << 8
+        source = <int64_t>robot << 16 | raw[2] | raw[3] << 8
+        number = raw[4] | raw[5] << 8 | raw[6] << 16 | <uint64_t>raw[7] << 24
+        if not 1 <= robot <= robots or source <= before or (source & 0xFFFF) + number > tick:
+            return False
+        before = source
+        raw += ACK
+    return raw == end
 
 cdef uint64_t uint64_at(const unsigned char* raw) noexcept:
     cdef uint64_t value = 0

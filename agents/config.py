@@ -1,4 +1,4 @@
-"""What a robot knows before it starts: its own constants. It knows neither the true map nor the other robots."""
+"""What a robot knows before it starts: its own constants. Of the other robots it knows the number."""
 
 from __future__ import annotations
 
@@ -6,28 +6,30 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Final
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 
 from world.grid import GridGeometry
+from world.terms import MAX_NODE, MOST, NotNegative, Positive
 
-Positive = Annotated[float, Gt(0)]
-NotNegative = Annotated[float, Ge(0)]
-Ticks = Annotated[int, Ge(0)]
+Ticks = Annotated[int, Ge(0), Le(MOST)]
+Count = Annotated[int, Ge(1), Le(MOST)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 KM_H = 1 / 3.6
+_MOST_POWER: Final = 300.0
+"""Of ten, that is still a number."""
 
 POWER_SMOOTHING_S: Final = 1.0
-"""Over which robots average the power that they receive, where shadowing makes it jump."""
+"""Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""
 
 
 @dataclass(frozen=True)
 class Routing:
     """DSDV and the sticky route to the MS [paper 2.6 to 3.7]."""
 
-    neighbor_timeout_ticks: Annotated[int, Ge(1)] = 10
+    neighbor_timeout_ticks: Count = 10
     """A neighbor from which nothing was heard for this long is gone [paper 2.8]."""
-    silence_ticks: Annotated[int, Ge(1)] = 5
+    silence_ticks: Count = 5
     """Rule A: a neighbor that is silent for this long counts as beyond r_in and r_out [paper 3.7]."""
     sticky: bool = True
     """Only the present NMS refreshes the MS's entry [paper 3.2]. False: plain minimum-hop DSDV."""
@@ -60,7 +62,7 @@ class Classing:
     """A robot becomes an SR again after its inv was empty for this long [paper 4.2]."""
     msr_margin_m: NotNegative = 2.0
     """A new MSR is at least this much farther from the MS than the present one [paper 4.5]."""
-    msr_compare_ticks: Annotated[int, Ge(1)] = 10
+    msr_compare_ticks: Count = 10
     """How often a relay compares distances while its MSR stays eligible [paper 4.6]."""
     copy_target: bool = True
     """A relay takes its MSR's target at every tick [paper 4.7]."""
@@ -97,9 +99,9 @@ class Exploring:
     stall_path_s: Positive = 60.0
     taboo_s: Positive = 60.0
     taboo_radius_m: Positive = 8.0
-    progress_cells: Annotated[int, Ge(1)] = 40
+    progress_cells: Count = 40
     """New cells that end a row of stalls."""
-    retreat_after: Annotated[int, Ge(1)] = 3
+    retreat_after: Count = 3
     retreat_probability: Share = 0.5
     """Chance to walk back towards the MS when every frontier is taboo [paper 6.6]."""
     retreat_min_s: Positive = 30.0
@@ -113,7 +115,7 @@ class Reporting:
     store_and_forward: bool = True
     """Deliver later what was scanned while cut off [paper 7.4]. False: discard it, as in [paper 7.2]."""
     resend_min_s: Positive = 1.0
-    chunk_cells: Annotated[int, Ge(1)] = 2000
+    chunk_cells: Count = 2000
     """Most map changes that one frame carries."""
 
 
@@ -151,7 +153,7 @@ class Scouting:
     """Loss per wall that the robots believe in; None: that of `[radio]`."""
 
     def wall_factor(self, model: str, wall_loss_db: float, exponent: float) -> float:
-        """How many times farther away one wall makes a node seem, as the robots believe.
+        """Factor by which one wall makes a node seem farther away, as the robots believe.
 
         Args:
             model: of the radio: disk, disk_los or log_distance.
@@ -163,7 +165,7 @@ class Scouting:
         if model == "disk_los":
             return math.inf
         loss_db = wall_loss_db if self.wall_loss_db is None else self.wall_loss_db
-        factor: float = 10.0 ** (loss_db / (10.0 * exponent))
+        factor: float = 10.0 ** min(loss_db / (10.0 * exponent), _MOST_POWER)
         return factor
 
 
@@ -179,10 +181,10 @@ class Rules:
     scouting: Scouting = field(default_factory=Scouting)
 
     def check(self) -> None:
-        """Check what no field can say alone.
+        """Check the rules that concern several fields.
 
         Raises:
-            ValueError: one line that says what is wrong, the keys relative to the rules' table.
+            ValueError: one line that says what is wrong, with keys relative to `[rules]`.
         """
         routing, exploring = self.routing, self.exploring
         if not routing.r_in_share < routing.r_out_share <= 1:
@@ -211,6 +213,8 @@ class RobotConfig:
     loss_1m_db: float
     exponent: float
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
+    robots: int = MAX_NODE
+    """N: robots are 1..N, and whoever is named beyond does not exist."""
     power_smoothing_s: float = 0.0
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0

@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable, freshness_of
+from agents.limits import Limits
 from agents.messages import Table, Update
 from agents.neighbors import Neighbors
 from agents.nms import MsRoute
@@ -26,7 +27,8 @@ class Router:
 
     def __init__(self, config: RobotConfig, rng: random.Random, quiet_until: int) -> None:
         self.node = config.node
-        self.table = ForwardingTable(config.node)
+        self.limits = Limits(config)
+        self.table = ForwardingTable(config.node, config.robots)
         self.neighbors = Neighbors(config)
         self.ms = MsRoute(config, self.table, self.neighbors)
         self._rng = rng
@@ -55,7 +57,8 @@ class Router:
         for src, power, payload in updates:
             try:
                 update = Update.decode(payload)
-                ms_freshness = self.table.merge(src, update.rows, before, self._sticky)
+                self.limits.check_update(update, tick)
+                ms_freshness = self.table.merge(src, update.rows, before, self._sticky, tick)
             except WireError:
                 self.bad_frames += 1
                 if src not in self.neighbors.by_id:

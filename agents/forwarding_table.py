@@ -6,8 +6,9 @@ replaces, an equal one only with a smaller metric") is one comparison:
 
     freshness = seqno * 256 + (255 - hop count), or -1 for an unknown destination.
 
-Freshness never falls at any node, nor along next hops, so no loop can arise [paper 3.6]. A broken entry (hop count 255,
-odd number) is kept, not deleted.
+Freshness never falls at any node, and rises along next hops, from tick to tick, at all nodes that take part in a tick;
+so no loop can arise [paper 3.6]. A node that is back, but has not taken its first step, does not count
+(ARCHITECTURE.md). A broken entry (hop count 255, odd number) is kept, not deleted.
 
 The columns are arrays, and the destination's id is the index. A node merges degree x N rows in every tick, and most of
 them are old news; an index finds that out sooner than a hash does.
@@ -34,8 +35,8 @@ _INHERENT_BYTES: Final = 18
 _PER_METRE: Final = 100_000.0
 """Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
-_MOST_FRESH: Final = 1 << 62
-"""No freshness is as large, even after the number of a broken entry is counted up."""
+_FARTHEST: Final = 2**31 - 1
+"""What lies farther away is said to be here."""
 _BAD_ROW: Final = -2
 """What the loop returns for an impossible row."""
 
@@ -54,15 +55,17 @@ def hop_of(freshness: int) -> int:
 
 
 def _possible(freshness: int) -> bool:
-    """Whether the hop count is infinite if and only if the number is odd, and the number within bounds."""
-    return (freshness & 256 == 0) == (freshness & 255 > 0) and freshness < _MOST_FRESH
+    """Whether the hop count is infinite if and only if the number is odd."""
+    return (freshness & 256 == 0) == (freshness & 255 > 0)
 
 
 class ForwardingTable:
     """All destinations that node `node` knows, its own entry among them."""
 
-    def __init__(self, node: int) -> None:
+    def __init__(self, node: int, robots: int = MAX_NODE) -> None:
+        """`robots`: N, the highest destination."""
         self.node = node
+        self._robots = robots
         self.known: list[int] = []
         """Destinations, in the order in which they became known."""
         self._freshness = array("q")
@@ -126,7 +129,7 @@ class ForwardingTable:
         """Write the SRRC elements of one entry."""
         self._make_room(dst)
         flags = cls | _NEED_BIT * need
-        places = [round(_PER_METRE * value) for value in (*at_m, *target_m)]
+        places = [min(max(round(_PER_METRE * value), -_FARTHEST), _FARTHEST) for value in (*at_m, *target_m)]
         _INHERENT.pack_into(self._inherent, dst * _INHERENT_BYTES, flags, *places)
 
     def _make_room(self, dst: int) -> None:
@@ -136,7 +139,7 @@ class ForwardingTable:
             self._next_hop.extend([NOBODY] * more)
             self._inherent.extend(bytes(more * _INHERENT_BYTES))
 
-    def merge(self, sender: int, rows: bytes, before: array[int], sticky: int) -> int:
+    def merge(self, sender: int, rows: bytes, before: array[int], sticky: int, tick: int) -> int:
         """Take over what one neighbor advertised.
 
         Of several neighbors with the same freshest offer the present next hop wins, else the first one [paper 2.7].
@@ -146,22 +149,23 @@ class ForwardingTable:
             rows: its table, a sequence of ROW.
             before: `next_hops()` as it was before the first update of this tick.
             sticky: a destination whose entry this leaves as it is: the MS [paper 3.2].
+            tick: in which it is heard.
 
         Returns:
             Freshness of the neighbor's own entry for `sticky`, or -1.
 
         Raises:
-            WireError: not a sequence of ROW, an impossible row, or no row of the sender's own. Rows before the error
-                are merged.
+            WireError: not a sequence of ROW, an impossible row (agents/limits.py), or no row of the sender's own. Rows
+                before the error are merged.
         """
         if len(rows) % ROW.size:
             raise WireError("not a run of rows")
         about_sticky = _rows.merge(
             rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
-            MAX_NODE, _MOST_FRESH, self._make_room,
+            self._robots, tick, self._make_room,
         )  # fmt: skip
         if about_sticky == _BAD_ROW:
-            raise WireError("number and metric disagree (odd means infinite), or there is no such node or number")
+            raise WireError("a row with a node, number or metric that can't be")
         if sender != STATION and self.freshness(sender) < 0:  # everybody knows where the MS is
             raise WireError("a table lacks its sender's own row")
         return about_sticky

@@ -7,8 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import _cells
 from agents.messages import MapChunk
 from agents.neighbors import Neighbors
+from bus.codec import WireError
 
 _PATIENCE_TICKS: Final = 4
 """A child's update shows two ticks after a chunk was sent that it arrived; after this long the chunk is sent again."""
@@ -36,15 +38,6 @@ class MapDownlink:
         self._values[self.version : end] = values
         self.version = end
 
-    def receive(self, chunk: MapChunk) -> tuple[NDArray[np.uint32], NDArray[np.int8]]:
-        """Take a chunk; returns the new cells and values, none of them if the chunk would leave a gap."""
-        known = self.version - chunk.first
-        if known < 0 or known >= len(chunk.cells):
-            return chunk.cells[:0], chunk.values[:0]
-        cells, values = chunk.cells[known:], chunk.values[known:]
-        self.append(cells, values)
-        return cells, values
-
     def due(self, tick: int, children: list[int], neighbors: Neighbors) -> list[tuple[int, bytes]]:
         """(child, payload) for each child that lags."""
         out = []
@@ -62,3 +55,27 @@ class MapDownlink:
             out.append((child, encoded[start]))
             self._sent[child] = (end, tick)
         return out
+
+
+class MapCopy(MapDownlink):
+    """The changes that a robot has heard of."""
+
+    def __init__(self, chunk_cells: int, cells: NDArray[np.int8]) -> None:
+        """`cells`: the MS's map before its first change, which is carried on here."""
+        super().__init__(chunk_cells)
+        self._map = cells
+
+    def receive(self, chunk: MapChunk) -> tuple[NDArray[np.uint32], NDArray[np.int8]]:
+        """Take a chunk; returns the new cells and values, none of them if the chunk would leave a gap.
+
+        Raises:
+            WireError: a change that changes nothing, so the MS did not make it.
+        """
+        known = self.version - chunk.first
+        if known < 0 or known >= len(chunk.cells):
+            return chunk.cells[:0], chunk.values[:0]
+        cells, values = chunk.cells[known:], chunk.values[known:]
+        if not _cells.carry_out(self._map, cells, values):
+            raise WireError("a change of the map that changes nothing")
+        self.append(cells, values)
+        return cells, values

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, column, integer, pack, unpack
+from bus.codec import WireError, column, integer, pack, places, unpack, within
 from world.messages import sightings
-from world.terms import MAX_NODE, MAX_TICK, NOBODY
+from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls
 
 ACK: Final = struct.Struct("<HHI")
 """Robot, incarnation, number: the MS has all scan reports of that incarnation up to that number."""
@@ -196,8 +196,10 @@ class Table:
         tick, node, msr, dst, next_hop, hop, xy, inv, classes = unpack(data, 9)
         ids = column(dst, _I2)
         n = len(ids)
+        if (ids[1:] <= ids[:-1]).any():
+            raise WireError("destinations are not ascending")
         return cls(
-            integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), integer(msr, NOBODY, MAX_NODE), ids,
-            column(next_hop, _I2, n), column(hop, _U1, n), column(xy, _F4, 2 * n).reshape(n, 2), column(inv, _U1, n),
-            column(classes, _U1, n),
+            integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), integer(msr, NOBODY, MAX_NODE),
+            within(ids, 0, MAX_NODE), within(column(next_hop, _I2, n), NOBODY, MAX_NODE), column(hop, _U1, n),
+            places(xy, _F4, n), within(column(inv, _U1, n), 0, 1), within(column(classes, _U1, n), 0, max(Cls)),
         )  # fmt: skip

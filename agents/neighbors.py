@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from agents.config import RobotConfig
 from agents.forwarding_table import hop_of
@@ -38,6 +39,10 @@ class Neighbor:
         return hop_of(self.ms_freshness)
 
 
+MOST_DECADES: Final = 300.0
+"""Beyond this, distances exceed the floating-point range."""
+
+
 class Neighbors:
     """All neighbors heard within the time-out, by id."""
 
@@ -59,7 +64,8 @@ class Neighbors:
             neighbor = self.by_id[node] = Neighbor(node, rx_power_dbm=rx_power_dbm)
         neighbor.heard_tick = tick
         neighbor.rx_power_dbm += self._weight * (rx_power_dbm - neighbor.rx_power_dbm)
-        neighbor.distance_m = 10.0 ** ((self._at_1m_dbm - neighbor.rx_power_dbm) / self._slope_db)
+        decades = (self._at_1m_dbm - neighbor.rx_power_dbm) / self._slope_db
+        neighbor.distance_m = 10.0 ** min(decades, MOST_DECADES)
         return neighbor
 
     def expire(self, tick: int) -> list[int]:

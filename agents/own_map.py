@@ -37,8 +37,7 @@ class OwnMap:
         d_row, d_col = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
         near = np.hypot(d_row, d_col) * self.geometry.resolution_m <= config.lidar_range_m + self.geometry.resolution_m
         self._d_row, self._d_col = d_row[near], d_col[near]
-        self.cells: NDArray[np.int8] = np.full(self.geometry.size, UNKNOWN, np.int8)
-        self.cells[self.geometry.rectangle(*config.safety_zone_m)] = FREE
+        self.cells = self.geometry.blank(config.safety_zone_m)
         self.version = 0
         """Rises with every change."""
         self._changed = [np.flatnonzero(self.cells == FREE)]

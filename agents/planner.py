@@ -62,13 +62,15 @@ class Planner:
     def __init__(self, own_map: OwnMap) -> None:
         self._map = own_map
         self._known = np.zeros(own_map.geometry.size, np.uint8)
-        self._discovered: list[NDArray[np.int64]] = []
+        self._discovered: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         """Cells in the order in which they became known as free."""
         self._seen = 0
         """Mark of the map's changes that are in `_discovered` (`OwnMap.changes`)."""
 
     def nearest_free(self, cell: int) -> int:
         """`cell` itself if it is known free, else the nearest cell that is; of several the one that became known first.
+
+        If no cell is known free, as after a lie of a peer's, it is `cell` too.
 
         Cells that became known between two calls count in the order of their index.
         """
@@ -78,6 +80,8 @@ class Planner:
         discovered = np.concatenate(self._discovered)
         self._discovered = [discovered]
         free = discovered[self._map.cells[discovered] == FREE]
+        if not free.size:
+            return cell
         cols = self._map.geometry.cols
         row, col = divmod(cell, cols)
         rows_of, cols_of = np.divmod(free, cols)

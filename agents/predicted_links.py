@@ -12,6 +12,7 @@ from mypy_extensions import mypyc_attr
 
 from agents.body import Body, Place
 from agents.link_quality import LinkQuality
+from agents.neighbors import MOST_DECADES
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -24,6 +25,8 @@ class PredictedLinks(LinkQuality):
         self._body = body
         self._wall_factor = body.config.wall_factor
         self._predicts = predict and self._wall_factor > 1.0
+        self._most_walls = max(1, int(MOST_DECADES / max(math.log10(self._wall_factor), 1.0)))
+        """More walls than so many make no difference."""
         self.held_from: Place | None = None
         """Where the robot would go if that did not lose its NMS; None while B does not stop it."""
 
@@ -33,7 +36,7 @@ class PredictedLinks(LinkQuality):
         metres = math.dist(place, other)
         if self._wall_factor == 1.0:
             return metres
-        walls = self._body.map.obstacles(*place, *other)
+        walls = min(self._body.map.obstacles(*place, *other), self._most_walls)
         return metres * self._wall_factor**walls if walls else metres
 
     def weak(self, nms: int, tick: int) -> bool:

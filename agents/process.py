@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 
 from agents.config import RobotConfig
@@ -32,7 +33,9 @@ def run(config: RobotConfig, login: Login) -> None:
 
 def _run(config: RobotConfig, login: Login) -> None:
     policy = policy_class(config.policy)
-    member = Member(login, "robot", config.node, Sense.decode, Inbox.decode)
+    sense_of = functools.partial(Sense.decode, lidar_beams=config.lidar_beams)
+    inbox_of = functools.partial(Inbox.decode, robots=config.robots)
+    member = Member(login, "robot", config.node, sense_of, inbox_of)
     with member.session:
         put_table = member.session.publisher(member.session.keys.table(config.node), blocking=False)
         robot: Robot | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.body import Action, Body
 from agents.config import RobotConfig
-from agents.map_downlink import MapDownlink
+from agents.map_downlink import MapCopy
 from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
 from agents.payloads import sort_payloads
 from agents.scan_uplink import ScanUplink
@@ -47,7 +47,7 @@ class Robot:
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)
-        self.downlink = MapDownlink(reporting.chunk_cells)
+        self.downlink = MapCopy(reporting.chunk_cells, config.geometry.blank(config.safety_zone_m))
         self._handlers: dict[int, Callable[[bytes], None]] = {
             SCAN_REPORT: self.uplink.carry,
             MAP_CHUNK: self._take_map,
@@ -73,7 +73,10 @@ class Robot:
         mark("decode")
         body.router.step(tick, updates)
         mark("routing")
-        self.uplink.acknowledge(body.router.ms.acks)
+        try:
+            self.uplink.acknowledge(body.router.ms.acks)
+        except WireError:
+            self.bad_frames += 1
         if sense.ranges_m is not None:
             self._scan(sense)
         mark("mapping")
@@ -84,8 +87,7 @@ class Robot:
 
     def _take_map(self, payload: bytes) -> None:
         chunk = MapChunk.decode(payload)
-        if not self.body.map.geometry.holds(chunk.cells):
-            raise WireError("a cell lies outside the grid")
+        self.body.router.limits.check_chunk(chunk)
         cells, values = self.downlink.receive(chunk)
         if cells.size:
             self.body.map.apply(cells, values)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agents.config import Reporting
 from agents.messages import ACK, ScanReport, one_hop_on
+from bus.codec import WireError
 from world.terms import TICK_S
 
 
@@ -25,6 +26,8 @@ class ScanUplink:
         """First bytes of the ACK for this incarnation."""
         self.made = 0
         self.discarded = 0
+        self._sent = 0
+        """The highest number that was ever sent."""
 
     @property
     def buffered(self) -> int:
@@ -49,7 +52,11 @@ class ScanUplink:
             self._carried.append(onward)
 
     def acknowledge(self, acks: bytes) -> None:
-        """Forget the reports that the MS has."""
+        """Forget the reports that the MS has.
+
+        Raises:
+            WireError: it can't have them, for they were never sent.
+        """
         if acks == self._acks:
             return
         self._acks = acks
@@ -58,6 +65,8 @@ class ScanUplink:
             at = acks.find(self._ack, at + 1)
         if at >= 0:
             _, _, upto = ACK.unpack_from(acks, at)
+            if upto > self._sent:
+                raise WireError("a report is acknowledged that was never sent")
             for number in [n for n in self._unacknowledged if n <= upto]:
                 del self._unacknowledged[number]
                 self._sent_tick.pop(number, None)
@@ -72,6 +81,7 @@ class ScanUplink:
         late = [n for n in self._unacknowledged if tick - self._sent_tick.get(n, -patience) >= patience]
         for number in late:
             self._sent_tick[number] = tick
+            self._sent = max(self._sent, number)
         return carried + [self._unacknowledged[n] for n in late]
 
     def drop_carried(self) -> None:

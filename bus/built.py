@@ -20,7 +20,7 @@ LOOPS: Final = (
     "agents._search",
     "medium._receptions",
     "world._lidar",
-    "world._lines",
+    "world.grid._lines",
 )
 """All files of compiled loops."""
 

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from bus.handover import Handover, build, read
+from bus.excerpt import shown
+from bus.handover import UNFIT, Handover, build, read
 
 __all__ = ["parse", "parser"]
 
@@ -33,6 +34,6 @@ def parse(
     try:
         handover = read(options.credentials, connect=options.connect)
         entries = {name: build(hint, handover.entries.get(name)) for name, hint in hints.items()}
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        made.exit(2, f"{made.prog}: {options.credentials}: {error}\n")
+    except UNFIT as error:
+        made.exit(2, f"{made.prog}: {shown(options.credentials)}: {shown(error, 300)}\n")
     return options, Handover(handover.login, entries)

@@ -11,13 +11,17 @@ import json
 import types
 import typing
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, Final, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
 from bus.access import Login
+from bus.excerpt import shown
 
-__all__ = ["Handover", "build", "plain", "read", "write"]
+__all__ = ["UNFIT", "Handover", "build", "plain", "read", "write"]
+
+UNFIT: Final = (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
+"""What a file that is no such file may lead to."""
 
 C = TypeVar("C")
 
@@ -46,8 +50,8 @@ def read(path: Path, *, connect: str | None = None) -> Handover:
     try:
         content = json.loads(path.read_text())
         login = build(Login, content.pop("login"))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is no credentials file: {error}") from error
+    except UNFIT as error:
+        raise ValueError(f"{shown(path)} is no credentials file: {shown(error, 200)}") from error
     if connect is not None:
         login = dataclasses.replace(login, endpoint=connect)
     return Handover(login, content)
@@ -71,7 +75,7 @@ def build(hint: Any, value: Any) -> Any:
     """The value of type `hint` from which `plain` made `value`.
 
     Raises:
-        ValueError, TypeError, KeyError: the value does not fit.
+        One of UNFIT: the value does not fit.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is typing.Annotated:

@@ -14,13 +14,15 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from bus.codec import WireError
+from bus.excerpt import shown
 
 __all__ = ["ANY", "ROWS", "Keys", "Row", "Token", "check_run"]
 
 ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
 
-_INCARNATION: Final = re.compile("[0-9a-f]{8}")
+_NODE: Final = re.compile(r"/(?P<node>[0-9]{1,5})\Z")
+_TOKEN: Final = re.compile(r"/alive/(?P<role>[a-z]+)/(?P<node>[0-9]{1,5})/(?P<incarnation>[0-9a-f]{8})\Z")
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
@@ -78,7 +80,9 @@ def check_run(run: str) -> str:
         ValueError: it is empty, or has a character with a meaning in key expressions.
     """
     if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() for c in run):
-        raise ValueError(f"{run!r} can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @")
+        raise ValueError(
+            f"'{shown(run)}' can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @"
+        )
     return run
 
 
@@ -173,8 +177,15 @@ class Keys:
 
     @staticmethod
     def node_of(key: str) -> int:
-        """The node of a `word`, `table`, `tx` or `rx` key."""
-        return int(key.rpartition("/")[2])
+        """The node of a `word`, `table`, `tx` or `rx` key.
+
+        Raises:
+            WireError: its last chunk is no node.
+        """
+        found = _NODE.search(key)
+        if found is None:
+            raise WireError("a key ends in no node")
+        return int(found["node"])
 
     @staticmethod
     def is_token(key: str) -> bool:
@@ -188,7 +199,7 @@ class Keys:
         Raises:
             WireError: its last chunks, which that process has chosen, are not those of a token.
         """
-        role, node, incarnation = key.split("/")[-3:]
-        if not node.isdecimal() or not _INCARNATION.fullmatch(incarnation):
-            raise WireError(f"{key!r} is no token")
-        return Token(role, int(node), int(incarnation, 16))
+        found = _TOKEN.search(key)
+        if found is None:
+            raise WireError("a token ends in a role, a node and an incarnation")
+        return Token(found["role"], int(found["node"]), int(found["incarnation"], 16))

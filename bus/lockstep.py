@@ -17,7 +17,7 @@ from typing import Final, Generic, TypeVar
 
 import msgpack
 
-from bus.codec import WireError
+from bus.codec import WireError, unpacked
 
 __all__ = ["Gather", "Kind", "Patience", "batch", "seal", "unbatch", "unseal"]
 
@@ -74,10 +74,7 @@ def unbatch(data: bytes) -> list[bytes]:
     Raises:
         WireError: it is not a batch.
     """
-    try:
-        messages = msgpack.unpackb(data)
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
-        raise WireError("not a batch") from error
+    messages = unpacked(data)
     if not isinstance(messages, list) or not all(isinstance(m, bytes) for m in messages):
         raise WireError("a batch is a list of messages")
     return messages

@@ -45,11 +45,19 @@ def in_parts(put: Callable[..., None]) -> Put:
 class Mailbox:
     """A queue of messages that any number of subscriptions fill and one thread empties."""
 
-    def __init__(self) -> None:
+    def __init__(self, wake: Callable[[], None] | None = None) -> None:
+        """`wake` is called whenever something was put, by the thread that put it."""
         self._samples: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._begun: dict[str, dict[int, list[bytes]]] = {}
         """By key and message: the parts that have arrived."""
-        self.put = self._samples.put
+        put = self._samples.put
+
+        def put_and_wake(sample: Any) -> None:
+            put(sample)
+            if wake is not None:
+                wake()
+
+        self.put: Callable[[Any], None] = put if wake is None else put_and_wake
         """Puts a `Message` of this process, or a sample of Zenoh's."""
 
     def get(self, timeout_s: float) -> Message | None:
@@ -72,8 +80,10 @@ class Mailbox:
         if len(mark) != _MARK.size:
             return data  # not from a process of ours: its decoder will refuse it
         message, part, parts = _MARK.unpack(mark)
+        if parts > _MOST_PARTS or len(data) > PART_BYTES:
+            return None
         begun = self._begun.setdefault(key, {})
-        if part == 0 and parts <= _MOST_PARTS:
+        if part == 0:
             if len(begun) == _SENDERS:  # the older message will never be complete
                 del begun[next(iter(begun))]
             begun[message] = []

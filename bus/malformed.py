@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 from bus.codec import WireError
+from bus.excerpt import shown
 
 __all__ = ["Malformed"]
 
@@ -21,4 +22,4 @@ class Malformed:
         """Drop a message; `what` says which, such as "message on KEY"."""
         self.count += 1
         if self.count == 1:
-            log.warning("dropped a malformed %s: %s (further ones are only counted)", what, error)
+            log.warning("dropped a malformed %s: %s (further ones are only counted)", shown(what), error)

@@ -200,10 +200,10 @@ class Member(Generic[S, I]):
                 return False
             if key == self._word_key and data is not None:
                 return self._told(data)
+            return self._token_changed(key, data)
         except WireError as error:
             self.malformed.drop(f"message on {key}", error)
             return False
-        return self._token_changed(key, data)
 
     def _begin(self, turn: Turn) -> None:
         _, token, body = unseal(turn.sense)
@@ -239,8 +239,9 @@ class Member(Generic[S, I]):
             message = self.mailbox.get(min(left_s, _POLL_S))
             if message is None:
                 continue
-            if message == END or (message[0] == self._word_key and message[1] and self._told(message[1])):
-                return True
+            with contextlib.suppress(WireError):
+                if message == END or (message[0] == self._word_key and message[1] and self._told(message[1])):
+                    return True
         raise LostError(f"{lost} is gone")
 
     def answer(self, tick: int, transmission: bytes, motion: bytes) -> None:

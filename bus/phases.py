@@ -7,15 +7,17 @@ core the function that marks; the default one does nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import msgpack
 
-from bus.codec import WireError, finite, text
+from bus.codec import WireError, finite, text, unpacked
 
 __all__ = ["REPORT_TICKS", "Mark", "Phases", "decode_phases", "unmarked"]
 
 Mark = Callable[[str], None]
+
+_MOST_PHASES: Final = 64
 
 REPORT_TICKS: Final = 100
 """Ticks between two reports of a process."""
@@ -56,10 +58,7 @@ def decode_phases(data: bytes) -> dict[str, float]:
     Raises:
         WireError: not a map from text to numbers.
     """
-    try:
-        raw: Any = msgpack.unpackb(data)
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
-        raise WireError("not msgpack") from error
-    if not isinstance(raw, dict):
-        raise WireError("phases are a map")
+    raw = unpacked(data)
+    if not isinstance(raw, dict) or len(raw) > _MOST_PHASES:
+        raise WireError("phases are a map of a few")
     return {text(phase, 40): finite(spent_s) for phase, spent_s in raw.items()}

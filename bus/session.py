@@ -21,6 +21,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from bus.access import Login, credentials, dictionary, host_config
+from bus.excerpt import shown
 from bus.keys import Keys, Token
 from bus.mailbox import Mailbox, Message, Put, in_parts
 
@@ -54,8 +55,8 @@ def port_of(endpoint: str) -> int:
         BusError: it has no port.
     """
     port = endpoint.rpartition(":")[2]
-    if not endpoint.startswith("tcp/") or not port.isdecimal() or not 0 < int(port) < 65_536:
-        raise BusError(f"{endpoint!r} is not an endpoint such as tcp/127.0.0.1:7447")
+    if not endpoint.startswith("tcp/") or not port.isdecimal() or len(port) > 5 or not 0 < int(port) < 65_536:
+        raise BusError(f"'{shown(endpoint)}' is not an endpoint such as tcp/127.0.0.1:7447")
     return int(port)
 
 
@@ -201,7 +202,7 @@ class Session:
 
         def respond(query: zenoh.Query) -> None:
             asked = query.payload
-            query.reply(key, reply(asked.to_string() if asked is not None else ""))
+            query.reply(key, reply(asked.to_bytes().decode(errors="replace") if asked is not None else ""))
 
         self._kept.append(self._session.declare_queryable(key, Callback(respond, indirect=False)))
 

@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
+from bus.excerpt import shown
 from deploy.screen.outlet import keep_writing, lost
 
 __all__ = ["INTERRUPTED", "ROOT", "SIGNALS", "Parser", "entry", "refuse", "require"]
@@ -41,11 +42,15 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """By which a user, a batch system or the end of a terminal asks a command to end."""
 
 
+_LONGEST: Final = 600
+"""Characters of what is wrong with a command."""
+
+
 class Parser(argparse.ArgumentParser):
     """A command line that says what is wrong with it in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+        self.exit(2, f"{self.prog}: {shown(message, _LONGEST)} (--help lists the options)\n")
 
 
 def entry(main: Callable[[], int]) -> NoReturn:
@@ -80,7 +85,7 @@ def _use_utf_8() -> None:
 
 def refuse(script: str, problem: object) -> int:
     """Say in one line why a command can't be carried out; returns its exit status, 2."""
-    print(f"{script}: {' '.join(str(problem).split())}", file=sys.stderr)
+    print(f"{script}: {shown(' '.join(str(problem).split()), _LONGEST)}", file=sys.stderr)
     return 2
 
 

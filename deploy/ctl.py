@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
         return refuse("ctl.py", "no run is under way here: name its folder by --run")
     try:
         login = read_operator(folder)
-    except (OSError, ValueError, KeyError) as error:
+    except ValueError as error:
         return refuse("ctl.py", f"no run is under way in {folder}: {error}")
     try:
         session = Session.connect(login, watching=True, timeout_s=5.0)
@@ -80,7 +80,7 @@ def newest_run(places: list[Path]) -> Path | None:
 def _show(answer: str) -> int:
     try:
         told = json.loads(answer)
-    except ValueError:
+    except (ValueError, RecursionError):
         told = answer
     if isinstance(told, dict) and "error" in told:
         print(f"ctl.py: {told['error']}", file=sys.stderr)

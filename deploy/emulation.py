@@ -18,15 +18,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
+from bus.codec import WireError
+from bus.excerpt import shown
 from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
+from deploy.json_file import read_table
 from deploy.processes.operator_file import read_operator
 from deploy.processes.scratch import Scratch
+from deploy.run_folder.verdicts import verdict_on
 from deploy.scenario import load
-from world.faults import parse_fault
 from world.feed import Event, Snapshot, unpack_feed
-from world.terms import STATION, seconds_of, tick_of
+from world.terms import STATION, seconds_of
 
 __all__ = ["Emulation", "EmulationError"]
 
@@ -115,11 +118,8 @@ class Emulation:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name: launcher, world, medium, station, robot/1, ..."""
-        try:
-            pids: dict[str, int] = json.loads((self.folder / "pids.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        return pids
+        file = self.folder / "pids.json"
+        return read_table(file) if file.exists() else {}
 
     @property
     def over(self) -> bool:
@@ -154,23 +154,30 @@ class Emulation:
 
         Args:
             of: whom it struck (4, "station"), or the fault as the command line has it ("kill:relay:mid@60"). Of
-                several the last.
+                several the last, once it is final.
             timeout_s: of wall time.
 
         Raises:
             EmulationError: there is no such verdict in time.
+            ValueError: `of` is no fault.
         """
-        found: list[dict[str, Any]] = []
+        is_of, node = verdict_on(of, self.events), STATION if of == "station" else of
+        told: list[dict[str, Any]] = []
 
-        def look() -> bool:
-            told = [event.data for event in self.events if event.kind == "recovery"]
-            if self.over:
-                told = self.summary["recoveries"]
-            found[:] = [verdict for verdict in told if _is_of(verdict, of)]
-            return bool(found)
+        def final() -> bool:
+            over = self.over
+            told[:] = self.summary["recoveries"] if over else [e.data for e in self.events if e.kind == "recovery"]
+            found = sum(map(is_of, told))
+            # A later fault on the same node may have been told, and its verdict not yet.
+            struck = sum(event.kind == "fault" and event.node == node and bool(event.data) for event in self.events)
+            return found > 0 and (over or found >= struck)
 
-        self.wait_until(look, timeout_s)
-        return found[-1]
+        try:
+            self.wait_until(final, timeout_s)
+        except EmulationError as error:
+            names = ", ".join(verdict["fault"] for verdict in told) or "none"
+            raise EmulationError(f"no verdict on {of}; there are: {names}: {error}") from None
+        return [verdict for verdict in told if is_of(verdict)][-1]
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -183,9 +190,9 @@ class Emulation:
             self.wait_until(lambda: self.over, 600.0)
             self._take_in(0.0)
             try:
-                self._summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
-            except FileNotFoundError:
-                raise EmulationError(f"the run left no summary: {self._tail()}") from None
+                self._summary = read_table(self.folder / "summary.json")
+            except ValueError as error:
+                raise EmulationError(f"the run left no summary: {error}: {self._tail()}") from None
         return self._summary
 
     # Acting
@@ -212,9 +219,9 @@ class Emulation:
             assert self._session is not None
             told: dict[str, Any] = json.loads(self._session.ask(self._session.keys.control, words, timeout_s=10.0))
         except BusError as error:
-            raise EmulationError(f"{words!r}: {error}") from error
+            raise EmulationError(f"'{shown(words)}': {error}") from error
         if "error" in told:
-            raise EmulationError(f"{words!r}: {told['error']}")
+            raise EmulationError(f"'{shown(words)}': {shown(told['error'], 300)}")
         return told
 
     def stop(self) -> dict[str, Any]:
@@ -253,7 +260,7 @@ class Emulation:
                 raise EmulationError(f"the run did not start: {self._tail()}")
             if time.monotonic() > deadline:
                 raise EmulationError(f"no run within {_START_S:g} s: {self._tail()}")
-            with contextlib.suppress(FileNotFoundError, BusError):
+            with contextlib.suppress(ValueError, BusError):
                 self._session = Session.connect(read_operator(self.folder), watching=True)
                 continue
             time.sleep(_SLICE_S)
@@ -282,22 +289,14 @@ class Emulation:
             key, payload = message
             if payload is None:
                 continue
-            if Keys.kind_of(key)[0] == "feed":
-                self.snapshots += unpack_feed(payload)
-            else:
-                self.events.append(Event.decode(payload))
+            with contextlib.suppress(WireError):
+                if Keys.kind_of(key)[0] == "feed":
+                    self.snapshots += unpack_feed(payload)
+                else:
+                    self.events.append(Event.decode(payload))
 
     def _tail(self) -> str:
         if not self._words.exists():
             return "closed"
         lines = self._words.read_text(encoding="utf-8").splitlines()
         return " | ".join(lines[-5:]) or "it said nothing"
-
-
-def _is_of(verdict: Mapping[str, Any], of: int | str) -> bool:
-    if isinstance(of, int):
-        return bool(verdict["robot"] == of)
-    if of == "station":
-        return bool(verdict["robot"] == STATION)
-    fault = parse_fault(of)
-    return (verdict["kind"], tick_of(verdict["at_s"])) == (fault.verb, tick_of(fault.at_s))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from deploy.processes.collector import collect_rarely
 from deploy.simulation import Observer, Simulation
-from world.map_file import save_map
+from world.grid.map_file import save_map
 
 if TYPE_CHECKING:
     from deploy.processes.interrupts import Interrupts

@@ -239,6 +239,7 @@ def _run_processes(
     interrupts: Interrupts,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
+    from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
     from deploy.processes.scratch import home_of_tempfile
     from deploy.screen.live_viewer import LiveViewer, has_display
@@ -246,11 +247,12 @@ def _run_processes(
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:
         beside.enter_context(home_of_tempfile(scratch.path))
-        launcher = Launcher(
-            scenario, folder, endpoint or local_endpoint(scratch.path, scenario.robots), view,
+        fleet = Fleet(
+            scenario, folder.path, endpoint or local_endpoint(scratch.path, scenario.robots),
             record=not options.no_recording, live_port=live_port, held=options.hold,
             plain_scheduling=options.plain_scheduling,
         )  # fmt: skip
+        launcher = Launcher(fleet, folder, view)
         interrupts.pass_to(launcher.interrupt)
         if live_port is not None:
             web_port = None if has_display(os.environ) else port_of(free_endpoint())

@@ -61,6 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
     one_thread()
     from deploy.scenario import ScenarioError
     from deploy.sweep.plan import load_study, points_of
+    from deploy.sweep.workers import WorkersGoneError
 
     if options.study == [REPORT]:
         return _report(options.out)
@@ -78,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("study.py: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
-    except OSError as error:
+    except (OSError, WorkersGoneError) as error:
         print(f"study.py: {error}; the same command goes on from here", file=sys.stderr)
         return 1
     finally:
@@ -173,7 +174,7 @@ def _execute(
     _say(console, f"{study.name}: {len(points)} runs, {len(points) - len(todo)} of them done, in {results.folder}")
     _warn_of_other_code(results, {point.key for point in points}, console)
     execution = Execution(workers, "processes" if options.processes else "in-process", study.series_step_s)
-    begun = time.monotonic()
+    begun, count = time.monotonic(), 0
     try:
         with _bar(console) as bar:
             task = bar.add_task(study.name, total=sum(point.effort for point in todo), runs=0, of=len(todo))
@@ -184,8 +185,8 @@ def _execute(
                 bar.update(task, advance=point.effort, runs=count)
     finally:
         results.compact()
-        if todo:
-            _note(results, options, time.monotonic() - begun, len(todo))
+        if count:
+            _note(results, options, time.monotonic() - begun, count)
 
 
 def _warn_of_other_code(results: Results, planned: set[str], console: Console) -> None:

@@ -71,10 +71,11 @@ class Inbox:
         return _TICK.pack(self.tick) + _receptions.pack_receptions(self.receptions)
 
     @staticmethod
-    def decode(data: bytes) -> Inbox:
+    def decode(data: bytes, robots: int = MAX_NODE) -> Inbox:
+        """`robots`: N, the highest node that can be heard."""
         (tick,) = head(_TICK, data)
         integer(tick, 0, MAX_TICK)
-        receptions = _receptions.unpack_receptions(data, _TICK.size, MAX_NODE)
+        receptions = _receptions.unpack_receptions(data, _TICK.size, robots)
         if receptions is None:
             raise WireError("an inbox is a run of (node, finite power, payload)")
         return Inbox(tick, receptions)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medium.config import MediumConfig
-from world.geometry import walls_crossed
+from world.grid.lines import walls_crossed
 from world.seeds import link_uniforms
 
 _NEAREST_M: Final = 0.01

@@ -69,10 +69,11 @@ class Station:
 
     def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
         try:
-            change = self.merger.take(report)
+            self.router.limits.check_report(report, tick)
         except WireError:
             self.bad_frames += 1
             return _NO_CHANGE
+        change = self.merger.take(report)
         if change is None:
             return _NO_CHANGE
         payload = report.encode()
@@ -132,8 +133,11 @@ class Station:
             tick, length = _RECORD.unpack_from(journal, whole)
             if start + length > len(journal):
                 break
-            self._merge(tick, ScanReport.decode(journal[start : start + length]))
             whole = start + length
+            try:
+                self._merge(tick, ScanReport.decode(journal[start:whole]))
+            except WireError:
+                self.bad_frames += 1  # the disk has spoiled it
         self._journal.clear()
         known = np.flatnonzero(self.merger.cells >= 0)
         self._changed = known, self.merger.cells[known]
@@ -147,8 +151,6 @@ class Station:
             "search_rate": dict(zip(names, self.search.rates, strict=True)),
             "search_time_s": dict(zip(names, times, strict=True))
             | {"all": max(everything) if everything and len(everything) == len(times) else None},
-            "merged": self.merger.merged,
-            "complete": self.merger.complete,
             "victims_found": sorted(self.merger.victims),
             "bad_frames": self.bad_frames + self.router.bad_frames,
-        }
+        } | self.merger.tally()

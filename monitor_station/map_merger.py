@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.messages import ACK, ScanReport
-from bus.codec import WireError
-from world.grid import FREE, UNKNOWN, GridGeometry
+from world.grid import GridGeometry
 
 
 class MapMerger:
@@ -15,35 +16,39 @@ class MapMerger:
 
     def __init__(self, geometry: GridGeometry, safety_zone_m: tuple[float, float, float, float]) -> None:
         self.geometry = geometry
-        self.cells: NDArray[np.int8] = np.full(geometry.size, UNKNOWN, np.int8)
-        self.cells[geometry.rectangle(*safety_zone_m)] = FREE
+        self.cells = geometry.blank(safety_zone_m)
         self.victims: dict[int, tuple[float, float]] = {}
-        self.merged = 0
-        """Different reports taken in."""
         self._complete: dict[tuple[int, int], int] = {}
-        self._ahead: dict[tuple[int, int], set[int]] = {}
+        """By robot and incarnation: the highest report number that is here without a gap."""
+        self._contents: dict[tuple[int, int, int], int] = {}
+        """By robot, incarnation and number: a hash of what the report said."""
+        self._contradicted: set[tuple[int, int, int]] = set()
+        """Reports of which another content has come, too. Only one of the two can be the robot's."""
         self._acks: bytes | None = b""
         """What `acks` returns; None: to be made anew."""
 
     def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
-        """Merge a report; returns the changed cells, ascending, and their values, or None for one that is known.
+        """Merge a report within its limits (agents/limits.py).
 
-        Raises:
-            WireError: a cell lies outside the grid.
+        Of two reports with the same number but another content the first is merged, and the other noted.
+
+        Returns:
+            The changed cells, ascending, and their values; None if nothing of this report is news.
         """
-        if not self.geometry.holds(report.cells):
-            raise WireError("a cell lies outside the grid")
         source = report.origin, report.incarnation
-        complete, ahead = self._complete.get(source, 0), self._ahead.setdefault(source, set())
-        if report.number <= complete or report.number in ahead:
-            return None
-        ahead.add(report.number)
-        while complete + 1 in ahead:
+        key = *source, report.number
+        content = hash((report.cells.tobytes(), report.values.tobytes(), report.victims))
+        if key in self._contents:
+            if content == self._contents[key] or key in self._contradicted:
+                return None
+            self._contradicted.add(key)
+            return np.zeros(0, np.int64), self.cells[:0]
+        self._contents[key] = content
+        complete = self._complete.get(source, 0)
+        while (*source, complete + 1) in self._contents:
             complete += 1
-            ahead.remove(complete)
         self._complete[source] = complete
         self._acks = None
-        self.merged += 1
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
         changed = np.unique(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
@@ -51,9 +56,26 @@ class MapMerger:
         return changed, self.cells[changed]
 
     @property
-    def complete(self) -> dict[str, int]:
-        """By "robot/incarnation": the highest report number that is here without a gap."""
-        return {f"{robot}/{incarnation}": number for (robot, incarnation), number in sorted(self._complete.items())}
+    def merged(self) -> int:
+        """Different reports taken in."""
+        return len(self._contents)
+
+    def tally(self) -> dict[str, Any]:
+        """Which reports are here, for the summary; robot incarnations by "robot/incarnation".
+
+        `complete` has the highest number without a gap, `ahead` the numbers beyond it, and `contradicted` how many
+        reports came with two contents.
+        """
+        ahead: dict[str, list[int]] = {}
+        for robot, incarnation, number in sorted(self._contents):
+            if number > self._complete[robot, incarnation]:
+                ahead.setdefault(f"{robot}/{incarnation}", []).append(number)
+        return {
+            "merged": self.merged,
+            "complete": {f"{robot}/{incarnation}": n for (robot, incarnation), n in sorted(self._complete.items())},
+            "ahead": ahead,
+            "contradicted": len(self._contradicted),
+        }
 
     def acks(self) -> bytes:
         """A run of ACK: per robot incarnation the highest report number that is here without a gap."""

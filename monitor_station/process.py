@@ -5,6 +5,7 @@ The recorder is fed after the step's outputs have been sent, so that it delays n
 
 from __future__ import annotations
 
+import functools
 import logging
 import signal
 import sys
@@ -17,10 +18,10 @@ import msgpack
 from bus.member import END, Member, exit_status
 from bus.session import Login
 from medium.messages import Inbox, Transmission
-from monitor_station.config import RecorderConfig, StationConfig
+from monitor_station.config import JOURNAL, MAP, RecorderConfig, StationConfig
 from monitor_station.core import Station
+from world.grid.map_file import save_map
 from world.growing_file import GrowingFile
-from world.map_file import save_map
 from world.messages import Sense
 from world.seeds import node_stream
 from world.terms import STATION
@@ -29,10 +30,8 @@ from world.unwritten import Unwritten
 if TYPE_CHECKING:
     from monitor_station.recording.feeder import Feeder
 
-__all__ = ["JOURNAL", "MAP", "next_part", "run"]
+__all__ = ["next_part", "run"]
 
-JOURNAL: Final = "journal"
-MAP: Final = "map.yaml"
 RECORDING: Final = "recording.rrd"
 
 log = logging.getLogger(__name__)
@@ -74,7 +73,8 @@ class Shell:
         if recorder is not None:
             with self._unwritten.noting(self._recording.name):
                 self._feeder = _feeder(login, recorder, self._recording, live_port)
-        self._member = Member(login, "station", STATION, Sense.decode, Inbox.decode)
+        inbox_of = functools.partial(Inbox.decode, robots=config.node.robots)
+        self._member = Member(login, "station", STATION, Sense.decode, inbox_of)
         if self._feeder is not None:
             self._member.idle = self._feeder.rest
         session = self._member.session

@@ -1,7 +1,7 @@
-"""What a tick came to: its snapshot, its events, and the counts that the summary takes from all of them.
+"""The account of a tick: its snapshot, its events, and what it adds to the counts of the summary.
 
-The core closes a tick as soon as everybody has moved; the account of it is worked out when somebody asks or when the
-next tick depends on it, so that nobody waits for it.
+The core closes a tick as soon as all robots have moved. The account is settled later, when it is asked for or when the
+next tick depends on it, so that no process waits for it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["Account", "Told"]
 
 @dataclass(slots=True, init=False)
 class Told:
-    """What a tick came to."""
+    """The account of one tick."""
 
     snapshot: Snapshot
     events: tuple[Event, ...]
@@ -41,7 +41,7 @@ class Told:
 
 @dataclass(slots=True, init=False)
 class _Closed:
-    """What a closed tick leaves for its account, besides the statuses."""
+    """What a closed tick leaves for its account, besides the statuses of the robots."""
 
     tick: int
     present: list[bool]
@@ -65,7 +65,7 @@ class _Closed:
 
 
 class Account:
-    """The account of one run."""
+    """Keeps the accounts of all ticks of a run."""
 
     snapshot: Snapshot
     """Of the last settled tick."""
@@ -73,6 +73,7 @@ class Account:
     def __init__(self, config: WorldConfig, roster: Roster) -> None:
         self._roster = roster
         self._cell_names = config.cell_names
+        self._victims = len(config.victims_m)
         self._nodes = np.arange(1, config.robots + 1, dtype=np.int16)
         self._recoveries = Recoveries(config.station_m)
         # What robots and station said last.
@@ -86,8 +87,8 @@ class Account:
         self.snapshot = self._photograph(_Closed(0, self._present(), starts_m, None, ()))
         self._told = Told(self.snapshot, ())
         # Counts over the run.
-        self._made_before = [0] * config.robots
-        """Scan reports that earlier incarnations made."""
+        self._made_before: dict[str, int] = {}
+        """Scan reports that earlier incarnations made, by "robot/incarnation"."""
         self._discarded_before = [0] * config.robots
         self._connectivity = Connectivity()
 
@@ -96,19 +97,20 @@ class Account:
         self._events.append(Event(tick, "fault", node, text, data))
 
     def faulted(self, fault: Fault, node: int, tick: int) -> None:
-        """A fault acts on a node (NOBODY for jam and loss) from `tick` on: follow whom it cuts off."""
+        """Follow whom a fault cuts off that acts on a node (NOBODY for jam and loss) from `tick` on."""
         self._recoveries.begin(fault, node, tick, self.snapshot, self._reports())
 
     def rewritten(self, entry: Rewritten) -> None:
-        """The log has learned how an unscheduled departure ended."""
+        """Note how an unscheduled departure ended."""
         self._recoveries.replace(entry.was, entry.now)
 
     def renew(self, node: int) -> None:
-        """A new incarnation of a node: what its predecessor said last no longer holds, but still counts."""
+        """Begin a new incarnation of a node: its predecessor's last status holds no longer, but its reports count."""
         if node == STATION:
             return
-        past = self._statuses[node - 1]
-        self._made_before[node - 1] += past.reports_made
+        past, incarnation = self._statuses[node - 1], self._roster.incarnation(node)
+        if past.reports_made:
+            self._made_before[f"{node}/{incarnation - 1}"] = past.reports_made
         self._discarded_before[node - 1] += past.reports_discarded
         self._statuses[node - 1] = Status()
 
@@ -128,7 +130,7 @@ class Account:
         self._events = []
 
     def settle(self) -> None:
-        """Work out what the closed tick came to, unless that is done; before anything changes that it depends on."""
+        """Settle the account of the closed tick, unless that is done: before anything that it depends on changes."""
         closed, self._closed = self._closed, None
         if closed is None:
             return
@@ -143,27 +145,33 @@ class Account:
 
     @property
     def watching(self) -> bool:
-        """Whether a fault is being followed: then a closed tick must be settled before the next begins."""
+        """Whether a fault is followed; then a tick must be settled before the next begins."""
         return self._recoveries.watching
 
     def tell(self) -> Told:
-        """What the tick that was closed last came to."""
+        """The account of the tick that was closed last."""
         self.settle()
         return self._told
 
     def final(self) -> dict[str, Any]:
-        """The account's part of the summary; `faults` is what acted, in the form that a scenario accepts."""
+        """What the summary takes from here; `faults` are those that acted, in the form that a scenario accepts."""
         self.settle()
         statuses = self._statuses
+        made = self._made_before | {
+            f"{node}/{self._roster.incarnation(node)}": s.reports_made
+            for node, s in enumerate(statuses, 1)
+            if s.reports_made
+        }
         present = {node: s for node, s in enumerate(statuses, 1) if self._roster.present(node)}
         return {
             "connected_fraction": self._connectivity.fraction,
             "max_hops": self._connectivity.max_hops,
             "scan_reports": {
-                "made": sum(self._made_before) + sum(s.reports_made for s in statuses),
+                "made": sum(made.values()),
                 "buffered": sum(s.reports_buffered for s in present.values()),
                 "discarded": sum(self._discarded_before) + sum(s.reports_discarded for s in statuses),
             },
+            "made": made,
             "acknowledged": {
                 str(node): [self._roster.incarnation(node), s.reports_made - s.reports_buffered]
                 for node, s in present.items()
@@ -181,14 +189,16 @@ class Account:
         return [self._roster.present(node) for node in range(1, len(self._statuses) + 1)]
 
     def _photograph(self, closed: _Closed) -> Snapshot:
-        """The snapshot of a tick; a robot that was away shows no route, and else its last status."""
+        """The snapshot of a tick. A robot that was away has no route in it, and its last status otherwise."""
         statuses, present, report = self._statuses, closed.present, closed.report
         routed = [status if here else _AWAY for status, here in zip(statuses, present, strict=True)]
         targets_m: list[float] = []
         for status in statuses:
             targets_m += (status.target_x_m, status.target_y_m)
         if report is not None:
-            self._reported = (report.search_rate, report.merged, report.victims_found)
+            # A robot may have told the MS of victims that nobody placed.
+            found = tuple(victim for victim in report.victims_found if victim < self._victims)
+            self._reported = (report.search_rate, report.merged, found)
         return Snapshot(
             closed.tick,
             self._nodes,

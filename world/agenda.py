@@ -36,7 +36,7 @@ class Agenda:
         return bool(self._by_hand) or tick in self._scheduled
 
     def take(self, tick: int) -> list[tuple[Fault, bool]]:
-        """Faults that act at `tick`, each with whether it was made by hand: the scenario's first."""
+        """Faults that act at `tick`, the scenario's first, each with whether it was made by hand."""
         by_hand, self._by_hand = self._by_hand, []
         return [(fault, False) for fault in self._scheduled.pop(tick, ())] + [(fault, True) for fault in by_hand]
 
@@ -49,11 +49,11 @@ class Agenda:
             self._losses.append((until, fault.probability))
 
     def jams(self, tick: int) -> tuple[Jam, ...]:
-        """Jams in force at `tick`; ticks must not fall."""
+        """Jams in force at `tick`; asked with rising ticks."""
         self._jams = [(until, jam) for until, jam in self._jams if tick < until]
         return tuple(jam for _, jam in self._jams)
 
     def loss(self, tick: int) -> float:
-        """Probability at `tick` that a receiver loses a frame, by all losses in force; ticks must not fall."""
+        """Probability at `tick` that a receiver loses a frame, by all losses in force; asked with rising ticks."""
         self._losses = [(until, loss) for until, loss in self._losses if tick < until]
         return 1.0 - math.prod(1.0 - loss for _, loss in self._losses) if self._losses else 0.0

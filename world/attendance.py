@@ -1,8 +1,8 @@
 """Which process stands for which node: who is there, who may return, and who is refused.
 
 A node can have several processes at a time: one that hangs, and one that was started in its place. The *seat* of a
-node belongs to the process that takes part or, while the node is away, to the one that may come back. Whatever a
-process without a seat says is left aside.
+node belongs to the process that takes part or, while the node is away, to the one that may come back. The world ignores
+what a process without a seat says.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Attendance:
         self._arriving: dict[int, bool] = {}
 
     def came(self, node: int, token: int) -> bool:
-        """A process of `node` showed its token; False if it is refused: another living process is that node."""
+        """A process of `node` showed its token. Returns False if it is refused: another living process is that node."""
         seat = self._seats.get(node)
         if seat is not None and seat[0] != token and seat[1] is not Standing.SILENT:
             return False
@@ -36,18 +36,18 @@ class Attendance:
         return True
 
     def left(self, node: int, token: int) -> bool:
-        """A token of `node` dropped; True if the world core knows that process and must be told."""
+        """A token of `node` dropped. Returns True if the core knows that process and must be told."""
         if not self.seated(node, token):
             return False
         del self._seats[node]
         return self._arriving.pop(node, None) is None
 
     def seated(self, node: int, token: int) -> bool:
-        """Whether the seat of `node` is this process's."""
+        """Whether this process has the seat of `node`."""
         return node in self._seats and self._seats[node][0] == token
 
     def heard(self, node: int, token: int) -> None:
-        """The process in the seat spoke out of turn: if it was departed as unresponsive, it has thawed."""
+        """The process in the seat answered out of turn. If it was departed as unresponsive, it has thawed."""
         if self._seats[node][1] is Standing.SILENT:
             self._take(node, token, new=False)
 
@@ -56,9 +56,9 @@ class Attendance:
         self._stand(node, Standing.SILENT)
 
     def signalled(self, node: int, verb: str) -> None:
-        """The world let a scheduled fault act: kill, stop, cont or spawn."""
+        """A scheduled fault acted on the process of `node`: kill, stop, cont or spawn."""
         if verb == "kill":
-            # Its token drops later, and the process that takes its place may be quicker than that.
+            # Its token drops later, perhaps after the token of its successor has come.
             self._seats.pop(node, None)
             self._arriving.pop(node, None)
         elif verb == "stop":
@@ -71,7 +71,7 @@ class Attendance:
         return self._seats[node][0] if node in self._seats else 0
 
     def arrivals(self) -> list[tuple[int, bool]]:
-        """(node, new) of everybody who arrived since the last call, ascending."""
+        """(node, new) of each process that arrived since the last call, ascending."""
         arrived = sorted(self._arriving.items())
         self._arriving.clear()
         return arrived

@@ -1,4 +1,4 @@
-"""What a world process is told at its start. Bounds are `annotated_types`; a scenario is checked against them."""
+"""Configuration of a world process. Bounds are `annotated_types`; scenarios are checked against them."""
 
 from __future__ import annotations
 
@@ -6,25 +6,22 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from world.grid import GridGeometry
-
-Positive = Annotated[float, Gt(0)]
-NotNegative = Annotated[float, Ge(0)]
-Probability = Annotated[float, Ge(0), Le(1)]
+from world.terms import MOST, NotNegative, Positive, Probability
 
 Verb = Literal["kill", "restart", "pause", "jam", "loss"]
 
 
 @dataclass(frozen=True)
 class Lidar:
-    """A lidar that looks all around [paper 7.3]."""
+    """A lidar that scans all around [paper 7.3]."""
 
     range_m: Positive = 8.0
     beams: Annotated[int, Ge(8), Le(3600)] = 180
-    interval_ticks: Annotated[int, Ge(1)] = 5
+    interval_ticks: Annotated[int, Ge(1), Le(MOST)] = 5
     """A robot scans at its first tick and whenever (tick + node) is a multiple of this."""
     noise_m: NotNegative = 0.0
     """Standard deviation of a range."""
@@ -40,9 +37,9 @@ class Fault:
     """A robot id, `station`, relay:mid, relay:first, nms-of:7, sr:far, random;
     for jam: a,b (pair) or x0,y0,x1,y1 (region)."""
     for_s: NotNegative | None = None
-    """How long; None for kill."""
+    """Duration; None for kill."""
     probability: Probability = 0.0
-    """Of losing a frame; `loss` only."""
+    """That a receiver loses a frame; `loss` only."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +53,24 @@ class WorldConfig:
     """(rows, cols) true floor plan: True = wall."""
     station_m: tuple[float, float]
     starts_m: NDArray[np.float64]
-    """(robots, 2) where robot 1..N stand at tick 0."""
+    """(robots, 2) positions of robots 1..N at tick 0."""
     top_speed_m_s: float
     """The world caps a robot's velocity at this."""
     duration_s: float
     """The run ends here with `time_limit`."""
     victims_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
-    """(v, 2) places of victims, id = row."""
+    """(v, 2) positions of victims; the id is the row."""
     lidar: Lidar = field(default_factory=Lidar)
     pose_noise_m: float = 0.0
     faults: tuple[Fault, ...] = ()
     cell_names: tuple[str, ...] = ()
     """Names of the search cells, in the order of the station's search rates; for events only."""
     hang_deadline_s: float = 2.0
-    """Wall time after which a silent node is departed as unresponsive."""
+    """Wall time after which a silent node is departed as unresponsive (world/silence.py)."""
     medium_deadline_s: float = 30.0
+    """Wall time after which a silent medium ends the run as failed."""
     return_deadline_s: float = 30.0
+    """Wall time in which processes must come at the start and at scheduled returns, and answer at a first tick."""
     speed: float = 0.0
     """Simulated seconds per wall second; 0 = as fast as possible."""
     held: bool = False

@@ -19,7 +19,7 @@ class Connectivity:
 
     def add(self, snapshot: Snapshot) -> None:
         """Count one tick."""
-        # For the robots of most runs a loop is quicker than numpy.
+        # For the few robots of most runs a loop is faster than numpy.
         for here, hops in zip(snapshot.present.tolist(), snapshot.hops.tolist(), strict=True):
             self._present += here
             if here and hops != UNREACHABLE:

@@ -1,4 +1,4 @@
-"""What an operator says to a run under way: commands of pace, and faults by hand."""
+"""Commands of an operator to a run under way: its pace, and faults by hand."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 from world.config import Fault
-from world.faults import check_fault, parse_fault
+from world.faults import check_fault, describe, parse_fault
 from world.pace import Pace
 
 __all__ = ["Control"]
 
 
 class Control:
-    """Answers the operator, in a thread of the session's; faults wait until the world takes them in its own thread."""
+    """Answers the operator in a thread of the session. Faults wait until the world takes them in its own."""
 
     def __init__(self, pace: Pace, robots: int, status: Callable[[], dict[str, Any]]) -> None:
         """`status`: how the run stands, JSON types; part of every answer."""
@@ -33,7 +33,7 @@ class Control:
         except ValueError as error:
             return json.dumps({"error": str(error)})
         self._faults.append(fault)
-        return json.dumps(self._status() | {"fault": rest})
+        return json.dumps(self._status() | {"fault": describe(fault)})
 
     def take(self) -> list[Fault]:
         """Faults by hand since the last call."""

@@ -1,9 +1,9 @@
-"""Ground truth of a run, tick by tick, and the judge of who takes part, which faults act, and when it ends.
+"""Ground truth of a run, tick by tick, and the judge of who takes part, which faults act, and when the run ends.
 
-The caller's duty: at every tick wait until `awaited()` is empty, call `begin()`, hand out what it returns, collect the
+The caller's duty: at every tick, wait until `awaited()` is empty, call `begin()`, hand out what it returns, collect the
 motions of the roster and the station's report, and call `end()`. `arrive`, `depart`, `inject`, `interrupt` and `fail`
-may come at any time in between. `tell()` says what a tick came to, and may wait until the next one has begun. Whatever
-is random comes from a generator of the seed, one per purpose.
+may be called at any time in between. `tell()` gives the account of the last tick and may be called after the next
+`begin()`. Random numbers come from the streams of `world/seeds.py`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from world.agenda import Agenda
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, describe, fault_form, resolve
 from world.feed import Signal
-from world.geometry import pad
+from world.grid.lines import pad
 from world.messages import Motion, Positions, Report, Sense, Stop
 from world.motion import move
 from world.roster import Roster
@@ -40,10 +40,10 @@ class Begin:
     """One per node of the roster, ascending."""
     positions: Positions
     signals: tuple[Signal, ...]
-    """What the supervisor does to processes now."""
+    """What the launcher does to processes now."""
     unheard: dict[int, Sense]
-    """Of each node that is paused now: it still takes this step, and nobody waits for it or hears of it. A process that
-    is stopped at any moment does the same, so a freeze by hand can be replayed."""
+    """Senses of nodes that are paused in this tick. Such a node still takes this step, but nobody waits for it or hears
+    of it. A process that is stopped by hand does the same, so such a pause can be replayed."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class World:
     def __init__(self, config: WorldConfig) -> None:
         self.tick = 0
         self._config = config
-        # Ground truth: the walls, where everybody is (row 0 is the station), and what can be sensed of both.
+        # Ground truth: walls, positions (row 0 is the station), and the sensors that see both.
         self._walls, self._geometry = pad(config.occupied, config.geometry)
         self._xy = np.vstack((np.array(config.station_m, np.float64), np.asarray(config.starts_m, np.float64)))
         self._senses = Senses(config)
@@ -94,10 +94,10 @@ class World:
         self._roster = Roster(config.robots + 1)
         self._taking_part: list[int] = []
         self._ticking = False
-        # Which faults act, and on whom those with the target `random`.
+        # Which faults act, and on which node those with target `random`.
         self._agenda = Agenda(config.faults)
         self._choice = sequence(config.seed, Stream.CHOICE)
-        # What the ticks came to, and how the run ends.
+        # The account of the ticks, and how the run ends.
         self._account = Account(config, self._roster)
         self._interrupted = False
         self._status = "failed"
@@ -106,11 +106,11 @@ class World:
     # Who takes part
 
     def awaited(self) -> frozenset[int]:
-        """Nodes (0 = station) whose process must be there before `begin()`: at tick 0 all, later those due back now."""
+        """Nodes whose process must be there before `begin()`: all at tick 0, later those whose return is due."""
         return self._roster.awaited(self.tick)
 
     def arrive(self, node: int, *, new: bool) -> None:
-        """A process is there (new: another incarnation) or answers again; it takes part from the next tick on.
+        """A process has come (new: another incarnation), or answers again; it takes part from the next tick on.
 
         Raises:
             ValueError: the node has a living process already.
@@ -121,12 +121,12 @@ class World:
             self._account.renew(node)
 
     def depart(self, node: int, cause: str, *, counted: bool) -> None:
-        """A node left that nobody sent away: it "died", is "unresponsive", or ended by an "exception".
+        """A node left without a scheduled fault.
 
         Args:
-            node: who.
-            cause: why.
-            counted: its frames and motion of the tick that has begun still counted.
+            node: which.
+            cause: "died" or "unresponsive".
+            counted: whether its frames and motion of the tick under way still counted.
         """
         self._account.settle()
         since = self.tick + (1 if counted and self._ticking else 0)
@@ -138,10 +138,10 @@ class World:
         self._account.faulted(entry, node, since)
 
     def inject(self, fault: Fault) -> None:
-        """A fault by hand: it acts at the next `begin()`, whatever its own time says.
+        """Add a fault by hand. It acts at the next `begin()`, whatever its own time is.
 
         Raises:
-            ValueError: it names no robot of this run, or is wrong in itself; one line.
+            ValueError: the fault is wrong in itself, or names no robot of this run; one line.
         """
         check_fault(fault, self._config.robots)
         self._agenda.add(fault)
@@ -149,10 +149,10 @@ class World:
     # A tick
 
     def begin(self) -> Begin:
-        """Start a tick: returns, then faults, then what everybody senses.
+        """Start a tick: returns of nodes, then faults, then senses.
 
         Raises:
-            RuntimeError: the tick before has not ended, or somebody is awaited.
+            RuntimeError: the last tick has not ended, or a node is awaited.
         """
         awaited = self.awaited()
         if self._ticking or awaited:
@@ -176,10 +176,10 @@ class World:
         )
 
     def end(self, motions: Mapping[int, Motion], report: Report | None) -> Stop | None:
-        """End the tick: move everybody and judge; returns how the run ends if it does.
+        """End the tick: move the robots, and judge; returns the stop if the run ends.
 
         Args:
-            motions: of every robot that took part and has not departed since; of those that departed, if it counted.
+            motions: of each robot that took part and has not departed since, and of those departed whose tick counted.
             report: the station's, or None while it is away.
 
         Raises:
@@ -199,11 +199,11 @@ class World:
         return stop
 
     def tell(self) -> Told:
-        """What the tick that ended last came to; may be asked when the next has begun, so that nobody waits for it."""
+        """The account of the last tick; asked for after the next has begun, it delays nobody."""
         return self._account.tell()
 
     def interrupt(self) -> None:
-        """Let the run end with this or the next tick."""
+        """End the run with the tick under way, or with the next."""
         self._interrupted = True
 
     def fail(self, why: str) -> Stop:
@@ -240,22 +240,23 @@ class World:
 
     def _carry_out(self, fault: Fault, tick: int) -> tuple[Signal, ...]:
         fault = Fault(fault.verb, seconds_of(tick), fault.target, fault.for_s, fault.probability)
+        asked = describe(fault)
         if fault.verb in ("jam", "loss"):
             self._agenda.disturb(fault, tick)
             self._roster.faults.append(fault)
-            self._log(NOBODY, describe(fault), fault_form(fault))
+            self._log(NOBODY, asked, fault_form(fault) | {"asked": asked})
             self._account.faulted(fault, NOBODY, tick)
             return ()
         node = resolve(fault.target, self._account.snapshot, self._config.station_m, self._choice)
         if node is None:
-            self._log(NOBODY, f"{describe(fault)}: nobody is {fault.target}, nothing done", {})
+            self._log(NOBODY, f"{asked}: nobody is {fault.target}, nothing done", {})
             return ()
         signals = self._roster.act(fault, node, tick)
         if not signals:
-            self._log(node, f"{describe(fault)}: {node_name(node)} is away already, nothing done", {})
+            self._log(node, f"{asked}: {node_name(node)} is away already, nothing done", {})
             return ()
         acted = self._roster.faults[-1]
-        self._log(node, f"{describe(fault)} ({node_name(node)})", fault_form(acted))
+        self._log(node, f"{asked} ({node_name(node)})", fault_form(acted) | {"asked": asked})
         self._account.faulted(acted, node, tick)
         return signals
 

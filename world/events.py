@@ -1,4 +1,4 @@
-"""What is worth telling about a tick: differences between consecutive snapshots."""
+"""Events of a tick: differences between consecutive snapshots."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["changes"]
 def changes(before: Snapshot, after: Snapshot, cell_names: tuple[str, ...] = ()) -> tuple[Event, ...]:
     """Events between two snapshots, by kind, then by node: roles, links lost and recovered, victims, the mission.
 
-    Robots that joined or left in between are the business of fault events.
+    Robots that joined or left in between have fault events instead.
     """
     events: list[Event] = []
     if before.cls.tobytes() != after.cls.tobytes():

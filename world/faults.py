@@ -1,13 +1,14 @@
-"""Faults: how they are written, what is wrong with one, and whom a role means at that moment."""
+"""Faults: their written forms, their checks, and the node that a role stands for at a given moment."""
 
 from __future__ import annotations
 
-import math
 import re
 from typing import Any, Final, get_args
 
 import numpy as np
 
+from bus.codec import MOST_METRES
+from bus.excerpt import shown
 from world.config import Fault, Verb
 from world.feed import Snapshot
 from world.messages import Jam
@@ -23,6 +24,9 @@ FORM: Final = "VERB:TARGET@T or VERB:TARGET@T+D, such as kill:relay:mid@90 or pa
 
 _NUMBER: Final = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?"
 _TIMES: Final = re.compile(rf"({_NUMBER})(?:\+({_NUMBER}))?")
+_NODE: Final = re.compile("[0-9]{1,5}")
+_LONGEST_S: Final = 1e8
+"""The longest duration of a run."""
 
 
 def parse_fault(text: str) -> Fault:
@@ -34,35 +38,36 @@ def parse_fault(text: str) -> Fault:
     verb, colon, rest = text.partition(":")
     target, at, times = rest.rpartition("@")
     if not colon or not at:
-        raise ValueError(f"fault '{text}': expected {FORM}")
+        raise ValueError(f"fault '{shown(text)}': expected {FORM}")
     found = _TIMES.fullmatch(times)
     if found is None:
-        raise ValueError(f"fault '{text}': '{times}' is not a time in seconds such as 60 or 60+5")
+        raise ValueError(f"fault '{shown(text)}': '{shown(times)}' is not a time in seconds such as 60 or 60+5")
     at_s, for_s = float(found[1]), None if found[2] is None else float(found[2])
     probability = 0.0
     if verb == "loss":
         try:
             probability, target = float(target), ""
         except ValueError:
-            raise ValueError(f"fault '{text}': '{target}' is not a probability, as in loss:0.3@50+10") from None
+            what = f"'{shown(target)}' is not a probability, as in loss:0.3@50+10"
+            raise ValueError(f"fault '{shown(text)}': {what}") from None
     fault = Fault(verb, at_s, target, for_s, probability)  # type: ignore[arg-type]
     try:
         check_fault(fault)
     except ValueError as error:
-        raise ValueError(f"fault '{text}': {error}") from None
+        raise ValueError(f"fault '{shown(text)}': {error}") from None
     return fault
 
 
 def check_fault(fault: Fault, robots: int | None = None, duration_s: float | None = None) -> None:
-    """Check a fault by itself, and against the run where that is given.
+    """Check a fault by itself, and against a run where one is given.
 
     Raises:
         ValueError: one line that says what is wrong.
     """
     if fault.verb not in VERBS:
-        raise ValueError(f"unknown verb '{fault.verb}', expected one of {', '.join(VERBS)}")
-    if not (math.isfinite(fault.at_s) and fault.at_s >= 0):
-        raise ValueError(f"at_s = {fault.at_s} is not a time")
+        raise ValueError(f"unknown verb '{shown(fault.verb)}', expected one of {', '.join(VERBS)}")
+    if not 0 <= fault.at_s <= _LONGEST_S:
+        raise ValueError(f"at_s = {fault.at_s:g} is not a time of 0 to {_LONGEST_S:g} s")
     if duration_s is not None and fault.at_s >= duration_s:
         raise ValueError(f"at_s = {fault.at_s:g} is not within the run's duration_s = {duration_s:g}")
     _check_duration(fault)
@@ -73,7 +78,7 @@ def check_fault(fault: Fault, robots: int | None = None, duration_s: float | Non
         raise ValueError(f"probability belongs to loss, not to {fault.verb}")
     if fault.verb == "loss":
         if fault.target:
-            raise ValueError(f"loss has no target, but a probability: '{fault.target}'")
+            raise ValueError(f"loss has no target, but a probability: '{shown(fault.target)}'")
     elif fault.verb == "jam":
         _check_jam(fault.target, robots)
     else:
@@ -86,7 +91,9 @@ def _check_duration(fault: Fault) -> None:
             raise ValueError("kill is for good and takes no duration; use restart or pause")
     elif fault.for_s is None:
         raise ValueError(f"{fault.verb} needs a duration (for_s, or +D)")
-    elif not (math.isfinite(fault.for_s) and tick_of(fault.for_s) >= 1):
+    elif not fault.for_s <= _LONGEST_S:
+        raise ValueError(f"for_s = {fault.for_s:g} is not a duration of up to {_LONGEST_S:g} s")
+    elif tick_of(fault.for_s) < 1:
         raise ValueError(f"for_s = {fault.for_s:g} is shorter than a tick of {TICK_S} s")
 
 
@@ -94,8 +101,8 @@ def _check_target(target: str, robots: int | None) -> None:
     if target in ("station", "relay:mid", "relay:first", "sr:far", "random"):
         return
     number = target.removeprefix("nms-of:")
-    if not (number.isascii() and number.isdigit()) or int(number) < 1:
-        raise ValueError(f"unknown target '{target}', expected {ROLES}")
+    if not _NODE.fullmatch(number) or int(number) < 1:
+        raise ValueError(f"unknown target '{shown(target)}', expected {ROLES}")
     if robots is not None and int(number) > robots:
         raise ValueError(f"target '{target}': there are only robots 1 to {robots}")
 
@@ -103,7 +110,7 @@ def _check_target(target: str, robots: int | None) -> None:
 def _check_jam(target: str, robots: int | None) -> None:
     jam = jam_of(target)
     if jam.pair is not None and robots is not None and max(jam.pair) > robots:
-        raise ValueError(f"target '{target}': there are only nodes 0 (the station) to {robots}")
+        raise ValueError(f"target '{shown(target)}': there are only nodes 0 (the station) to {robots}")
 
 
 def jam_of(target: str) -> Jam:
@@ -112,22 +119,22 @@ def jam_of(target: str) -> Jam:
     Raises:
         ValueError: it is neither.
     """
-    wrong = f"jam target '{target}' is neither a pair such as 3,4 nor a region x0,y0,x1,y1"
+    wrong = f"jam target '{shown(target)}' is neither a pair such as 3,4 nor a region x0,y0,x1,y1"
     parts = [part.strip() for part in target.split(",")]
-    if len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts):
+    if len(parts) == 2 and all(map(_NODE.fullmatch, parts)):
         a, b = int(parts[0]), int(parts[1])
         if a == b:
-            raise ValueError(f"jam target '{target}' names one node twice")
+            raise ValueError(f"jam target '{shown(target)}' names one node twice")
         return Jam(pair=(a, b))
     try:
         values = [float(part) for part in parts]
     except ValueError:
         raise ValueError(wrong) from None
-    if len(values) != 4 or not all(map(math.isfinite, values)):
+    if len(values) != 4 or not all(abs(value) <= MOST_METRES for value in values):
         raise ValueError(wrong)
     x0, y0, x1, y1 = values
     if x0 >= x1 or y0 >= y1:
-        raise ValueError(f"jam target '{target}': a region needs x0 < x1 and y0 < y1")
+        raise ValueError(f"jam target '{shown(target)}': a region needs x0 < x1 and y0 < y1")
     return Jam(region_m=(x0, y0, x1, y1))
 
 
@@ -153,10 +160,11 @@ def describe(fault: Fault) -> str:
 def resolve(
     target: str, snapshot: Snapshot, station_m: tuple[float, float], generator: np.random.Generator
 ) -> int | None:
-    """The node that a target means at this moment, or None if nobody has that role.
+    """The node that a target stands for at this moment, or None if no node has that role.
 
-    `relay:mid` and `relay:first` follow the NMS pointers from the search robot with the most hops whose pointers
-    reach the MS; the first relay is the one next to the MS. `nms-of:7` is a robot: None while 7 hears the MS itself.
+    `relay:mid` and `relay:first` follow the NMS pointers from the farthest search robot whose pointers reach the MS
+    over a relay; the first relay is the one next to the MS. `nms-of:7` is always a robot: None while the MS is the NMS
+    of 7.
     """
     present = snapshot.nodes[snapshot.present.astype(bool)]
     if target == "station":

@@ -1,4 +1,4 @@
-"""What those who watch a run are told: recorder, launcher and studies, never a robot.
+"""Messages to those who watch a run: recorder, launcher and studies, never a robot.
 
 The world's feed (key `feed`) is a batch of snapshots; an event and a signal come one by one (keys `event`, `signal`).
 """
@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, column, finite, integer, pack, text, unpack
+from bus.codec import WireError, column, integer, of_json_types, pack, places, share, text, unpack, within
 from bus.lockstep import batch, unbatch
-from world.terms import MAX_NODE, MAX_TICK, NOBODY
+from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls, Mode
 
 SIGNALS: Final = ("kill", "stop", "cont", "spawn")
 
@@ -110,18 +110,20 @@ class Snapshot:
         n = len(nodes)
         if not isinstance(f[11], list) or not isinstance(f[13], list):
             raise WireError("search rates and victims are lists")
+        if not np.array_equal(nodes, np.arange(1, n + 1)):
+            raise WireError("a snapshot has robots 1 to N")
         return Snapshot(
-            integer(f[0], 0, MAX_TICK), nodes, column(f[2], _U1, n), column(f[3], _F8, 2 * n).reshape(n, 2),
-            column(f[4], _U1, n), column(f[5], _U1, n), column(f[6], _U1, n), column(f[7], _I2, n),
-            column(f[8], _I2, n), column(f[9], _F8, 2 * n).reshape(n, 2), integer(f[10], 0, MAX_TICK),
-            tuple(finite(r) for r in f[11]), integer(f[12], 0, MAX_TICK),
-            tuple(integer(v, 0, MAX_NODE) for v in f[13]),
+            integer(f[0], 0, MAX_TICK), nodes, within(column(f[2], _U1, n), 0, 1), places(f[3], _F8, n),
+            within(column(f[4], _U1, n), 0, max(Cls)), within(column(f[5], _U1, n), 0, max(Mode)),
+            column(f[6], _U1, n), within(column(f[7], _I2, n), NOBODY, n), within(column(f[8], _I2, n), NOBODY, n),
+            places(f[9], _F8, n), integer(f[10], 0, MAX_TICK), tuple(share(r) for r in f[11]),
+            integer(f[12], 0, MAX_TICK), tuple(integer(v, 0, MAX_NODE) for v in f[13]),
         )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line in events.jsonl and in the recording's log."""
+    """An event of a run: a line in events.jsonl and in the recording's log."""
 
     tick: int
     kind: str
@@ -139,12 +141,14 @@ class Event:
         tick, kind, node, words, more = unpack(data, 5)
         if not isinstance(more, dict):
             raise WireError("event data is not a map")
-        return cls(integer(tick, 0, MAX_TICK), text(kind), integer(node, NOBODY, MAX_NODE), text(words), more)
+        return cls(
+            integer(tick, 0, MAX_TICK), text(kind), integer(node, NOBODY, MAX_NODE), text(words), of_json_types(more)
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """What happens to the process of `node` now, because of a scheduled fault or one made by hand."""
+    """What the launcher does to the process of `node` now, by a fault of the scenario or by hand."""
 
     tick: int
     node: int
@@ -158,5 +162,5 @@ class Signal:
     def decode(cls, data: bytes) -> Signal:
         tick, node, verb = unpack(data, 3)
         if verb not in SIGNALS:
-            raise WireError(f"{verb!r} is not one of {', '.join(SIGNALS)}")
+            raise WireError(f"not one of {', '.join(SIGNALS)}")
         return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))

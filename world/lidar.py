@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world import _lidar
-from world.geometry import pad
 from world.grid import GridGeometry
+from world.grid.lines import pad
 
 __all__ = ["Caster", "cast"]
 

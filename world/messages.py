@@ -12,7 +12,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, all_finite, boolean, column, finite, head, integer, pack, text, unpack
+from bus.codec import (
+    WireError,
+    all_finite,
+    boolean,
+    column,
+    coordinate,
+    finite,
+    head,
+    integer,
+    pack,
+    places,
+    share,
+    text,
+    unpack,
+)
 from world.terms import MAX_NODE, MAX_TICK, NOBODY, UNREACHABLE, Cls, Mode
 
 _SENSE: Final = struct.Struct("<I?HIdd")
@@ -31,9 +45,9 @@ class Sense:
 
     tick: int
     first: bool
-    """True at the node's first tick after it (re)joined: no inbox to wait for."""
+    """True at the node's first tick after it joined or rejoined: it has no inbox yet."""
     incarnation: int
-    """How many processes this node has had before this one; counted by the world."""
+    """How many processes this node had before this one, as the world counts them."""
     x_m: float
     y_m: float
     ranges_m: NDArray[np.float64] | None
@@ -66,8 +80,11 @@ class Sense:
         return fixed + ranges + pack((self.victims,)) if self.victims else fixed + ranges
 
     @staticmethod
-    def decode(data: bytes) -> Sense:
+    def decode(data: bytes, lidar_beams: int | None = None) -> Sense:
+        """`lidar_beams`: how many ranges a scan has; None = any number."""
         tick, first, incarnation, beams, x, y = head(_SENSE, data)
+        if beams not in (_NO_SCAN, beams if lidar_beams is None else lidar_beams):
+            raise WireError("a scan of another lidar")
         end = _SENSE.size if beams == _NO_SCAN else _SENSE.size + 8 * beams
         ranges = None if beams == _NO_SCAN else column(data[_SENSE.size : end], _F8, beams)
         if ranges is not None and not all_finite(ranges):
@@ -77,8 +94,8 @@ class Sense:
             integer(tick, 0, MAX_TICK),
             first,
             integer(incarnation, 0, MAX_NODE),
-            finite(x),
-            finite(y),
+            coordinate(x),
+            coordinate(y),
             ranges,
             victims,
         )
@@ -92,13 +109,13 @@ def sightings(raw: Any) -> tuple[tuple[int, float, float], ...]:
     for item in raw:
         if not isinstance(item, list) or len(item) != 3:
             raise WireError("a victim is not (id, x, y)")
-        out.append((integer(item[0], 0, MAX_NODE), finite(item[1]), finite(item[2])))
+        out.append((integer(item[0], 0, MAX_NODE), coordinate(item[1]), coordinate(item[2])))
     return tuple(out)
 
 
 @dataclass(slots=True, init=False)
 class Status:
-    """A robot's own view of itself; for fault targets, logs, live table and recording only."""
+    """What a robot says of itself. It serves fault targets, snapshots and verdicts only, never another robot."""
 
     cls: int
     nms: int
@@ -141,7 +158,7 @@ class Status:
 
 @dataclass(slots=True, init=False)
 class Motion:
-    """What a robot does until the next tick: a velocity, which the world caps at the robot's top speed."""
+    """What a robot does until the next tick: a velocity, which the world limits to the robot's top speed."""
 
     tick: int
     vx_m_s: float
@@ -168,15 +185,16 @@ class Motion:
         tick, vx, vy, cls, nms, msr, nmsr, hops, mode, x, y, made, buffered, discarded = head(_MOTION, data)
         status = Status(
             integer(cls, 0, 1), integer(nms, NOBODY, MAX_NODE), integer(msr, NOBODY, MAX_NODE),
-            integer(nmsr, NOBODY, MAX_NODE), hops, integer(mode, 0, len(Mode) - 1), finite(x), finite(y),
-            integer(made, 0, MAX_TICK), integer(buffered, 0, MAX_TICK), integer(discarded, 0, MAX_TICK),
+            integer(nmsr, NOBODY, MAX_NODE), hops, integer(mode, 0, len(Mode) - 1),
+            coordinate(x), coordinate(y),
+            integer(made, 0, MAX_TICK), integer(buffered, 0, made), integer(discarded, 0, MAX_TICK),
         )  # fmt: skip
         return Motion(integer(tick, 0, MAX_TICK), finite(vx), finite(vy), status)
 
 
 @dataclass(slots=True, init=False)
 class Report:
-    """The station's word on the mission, every tick."""
+    """What the station says of the mission, at every tick."""
 
     tick: int
     searched: bool
@@ -215,7 +233,7 @@ class Report:
         return Report(
             integer(tick, 0, MAX_TICK),
             boolean(searched),
-            tuple(finite(r) for r in rates),
+            tuple(share(r) for r in rates),
             integer(merged, 0, MAX_TICK),
             tuple(integer(v, 0, MAX_NODE) for v in found),
             boolean(silent),
@@ -233,7 +251,7 @@ class Jam:
 
 @dataclass(slots=True, init=False)
 class Positions:
-    """The roster of a tick and where everyone truly is: the medium's input."""
+    """The roster of a tick and the true positions of its nodes: the medium's input."""
 
     tick: int
     nodes: NDArray[np.int16]
@@ -266,10 +284,11 @@ class Positions:
     def decode(data: bytes) -> Positions:
         tick, nodes, xy, jams, loss = unpack(data, 5)
         ids = column(nodes, _I2)
-        places = column(xy, _F8, 2 * len(ids)).reshape(-1, 2)
-        if not all_finite(places) or not isinstance(jams, list):
-            raise WireError("positions are not finite, or jams not a list")
-        return Positions(integer(tick, 0, MAX_TICK), ids, places, tuple(_jam(j) for j in jams), finite(loss))
+        if (ids < 0).any() or (ids[1:] <= ids[:-1]).any() or not isinstance(jams, list):
+            raise WireError("nodes are not ascending, or jams not a list")
+        return Positions(
+            integer(tick, 0, MAX_TICK), ids, places(xy, _F8, len(ids)), tuple(_jam(j) for j in jams), share(loss)
+        )
 
 
 def _jam(raw: Any) -> Jam:
@@ -279,7 +298,7 @@ def _jam(raw: Any) -> Jam:
     if region is not None:
         if not isinstance(region, list) or len(region) != 4:
             raise WireError("a region is x0, y0, x1, y1")
-        x0, y0, x1, y1 = (finite(v) for v in region)
+        x0, y0, x1, y1 = (coordinate(v) for v in region)
         return Jam(region_m=(x0, y0, x1, y1))
     if not isinstance(pair, list) or len(pair) != 2:
         raise WireError("a pair is two nodes")
@@ -288,7 +307,7 @@ def _jam(raw: Any) -> Jam:
 
 @dataclass(frozen=True, slots=True)
 class Departed:
-    """`node` takes no part in `tick` any more, nor later until it is in a roster again."""
+    """From `tick` on, `node` takes no part until it is in a roster again."""
 
     tick: int
     node: int

@@ -1,4 +1,4 @@
-"""How robots move: straight, no faster than they can, and never into a wall."""
+"""Motion of robots: straight, at their top speed at most, and never into a wall."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from world.geometry import walls_crossed
 from world.grid import GridGeometry
+from world.grid.lines import walls_crossed
 from world.terms import TICK_S
 
 __all__ = ["move"]
@@ -21,7 +21,7 @@ def move(
     velocities_m_s: list[tuple[float, float]],
     top_speed_m_s: float,
 ) -> NDArray[np.float64]:
-    """Where robots are a tick later; one that a wall stops slides along x, else along y, else stays.
+    """Positions a tick later. A robot that a wall stops slides along x, else along y, else stays.
 
     Args:
         walls: (rows, cols), with a closed frame of walls.
@@ -38,7 +38,7 @@ def move(
     places: list[tuple[float, float]] = []
     leaving: list[int] = []
     clear = True
-    # Hardly anybody leaves its cell within a tick, and then not into a wall: a loop sees that sooner than numpy does.
+    # Few robots leave their cell within a tick, and fewer meet a wall: a loop finds that out sooner than numpy does.
     for k, ((x, y), (vx, vy)) in enumerate(zip(xy_m.tolist(), velocities_m_s, strict=True)):
         step_x, step_y = vx * TICK_S, vy * TICK_S
         speed = math.sqrt(vx * vx + vy * vy)
@@ -46,12 +46,12 @@ def move(
             step_x *= top_speed_m_s / speed
             step_y *= top_speed_m_s / speed
         to_x, to_y = x + step_x, y + step_y
-        # By the same arithmetic as `_cells`.
+        # The same arithmetic as in `_cells`.
         col, row = math.floor((x - x0_m) / resolution_m), math.floor((y - y0_m) / resolution_m)
         to_col, to_row = math.floor((to_x - x0_m) / resolution_m), math.floor((to_y - y0_m) / resolution_m)
         if to_col != col or to_row != row:
             leaving.append(k)
-            # Into a cell beside the own one nothing else can lie between.
+            # Between two neighboring cells lies no third.
             clear = clear and abs(to_col - col) + abs(to_row - row) == 1 and not walls[to_row, to_col]
         steps.append((step_x, step_y))
         places.append((to_x, to_y))
@@ -80,6 +80,6 @@ def _blocked(
     """(n,) whether a wall lies between a, which is free, and b."""
     there = _cells(geometry, b_xy)
     away = np.abs(there - _cells(geometry, a_xy)).sum(axis=1)
-    if away.max() <= 1:  # into a cell beside the own one: nothing else can lie between
+    if away.max() <= 1:  # between two neighboring cells lies no third
         return walls[there[:, 1], there[:, 0]]
     return walls_crossed(walls, geometry, a_xy, b_xy) > 0

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from world.user_file import shown
+from bus.excerpt import shown
 
 __all__ = ["ForeignFileError", "require_own", "write_whole"]
 

@@ -1,4 +1,4 @@
-"""How fast simulated time runs against the wall clock, and what an operator says while it runs."""
+"""Pace of a run: how fast simulated time runs against the wall clock, and the commands that change it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
+from bus.excerpt import shown
 from world.terms import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
@@ -16,7 +17,7 @@ COMMANDS: Final = "hold, step [N], go, speed F|max, fault VERB:TARGET@T[+D], int
 
 
 class Pace:
-    """When the next tick may begin; commands come from another thread."""
+    """Says when the next tick may begin. Commands come from another thread."""
 
     def __init__(self, speed: float, now_s: Callable[[], float], *, held: bool = False) -> None:
         """Pace of a run.
@@ -32,7 +33,7 @@ class Pace:
         self._steps: int | None = 0 if held else None
         """Ticks that a held run may still take; None = not held."""
         self._base: tuple[int, float] | None = None
-        """(tick, wall time) that the schedule counts from; anew after every change."""
+        """(tick, wall time) from which the schedule counts; set anew after every change."""
         self.interrupted = False
 
     def delay_s(self, tick: int) -> float:
@@ -61,7 +62,7 @@ class Pace:
         self.interrupted = True
 
     def command(self, line: str, status: Callable[[], dict[str, Any]]) -> str:
-        """Obey one of COMMANDS other than `fault`, which is no matter of pace; returns JSON."""
+        """Obey one of COMMANDS except `fault` (world/control.py); returns JSON."""
         words = line.split()
         try:
             self._obey(words)
@@ -80,7 +81,7 @@ class Pace:
                     self._steps = 0
                 case ["step"]:
                     self._steps = 1
-                case ["step", count] if count.isdecimal() and int(count) > 0:
+                case ["step", count] if count.isdecimal() and len(count) < 10 and int(count) > 0:
                     self._steps = int(count)
                 case ["go"]:
                     self._steps = self._base = None
@@ -90,7 +91,7 @@ class Pace:
                 case ["interrupt"]:
                     self.interrupted = True
                 case _:
-                    raise ValueError(f"unknown command {' '.join(words)!r}, expected {COMMANDS}")
+                    raise ValueError(f"unknown command '{shown(' '.join(words))}', expected {COMMANDS}")
 
 
 def _speed(text: str) -> float:
@@ -101,5 +102,5 @@ def _speed(text: str) -> float:
     except ValueError:
         speed = math.nan
     if not (math.isfinite(speed) and speed > 0):
-        raise ValueError(f"speed {text!r} is neither max nor a number above 0")
+        raise ValueError(f"speed '{shown(text)}' is neither max nor a number above 0")
     return speed

@@ -1,6 +1,6 @@
-"""The world as a process: paces the ticks, moves bytes, and notices who is there and who is gone.
+"""The world as a process: paces the ticks, moves bytes, and notices which processes come and go.
 
-What follows from that (who takes part, which fault acts, when the run ends) is the core's to decide.
+The core decides what follows from that: who takes part, which fault acts, when the run ends.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from world.config import WorldConfig
 from world.control import Control
 from world.core import Begin, Core, World
 from world.feed import Event
+from world.limits import decode_word
 from world.messages import Departed, Motion, Report, Stop
 from world.pace import Pace
 from world.silence import RunError, Silence
@@ -52,7 +53,7 @@ def run(config: WorldConfig, login: Login) -> None:
 
 
 class Shell:
-    """What moves bytes around a world core."""
+    """Moves bytes between a world core and the bus."""
 
     def __init__(self, core: Core, config: WorldConfig, login: Login) -> None:
         self._core, self._config = core, config
@@ -65,19 +66,19 @@ class Shell:
         self._nodes = range(config.robots + 1)
         self._attendance = Attendance()
         self._leaving: dict[int, tuple[int, str]] = {}
-        """(token, cause) of who left during the tick, until the medium has told whether they still counted."""
+        """(token, cause) of nodes that left during the tick, until the medium says whether they still counted."""
         self._mediums: set[str] = set()
         self._medium_lost = False
         # The tick under way.
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._complete = NO_TICK
-        """The last tick for which the medium waits for nobody any more."""
+        """The last tick that the medium has said to be complete."""
         self._counted: frozenset[int] = frozenset()
-        """Whose transmission counted in it."""
+        """Nodes whose transmission counted in it."""
         self._untold = False
         """The last tick is not yet published."""
         # What is measured.
-        self._stopwatch = Stopwatch()
+        self._stopwatch = Stopwatch(time.time)
         self._phases = Phases(time.perf_counter)
         self._malformed = Malformed()
         self._open()
@@ -103,7 +104,7 @@ class Shell:
         self._put_final = session.publisher(keys.final("world"), blocking=True)
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._watchers = Watchers(session)
-        self._silence = Silence(self._config, lambda: self._put_positions(seal(Kind.PING, 0)))
+        self._silence = Silence(self._config, time.monotonic, lambda: self._put_positions(seal(Kind.PING, 0)))
         self._pong_key, self._moved_key = keys.pong, keys.moved
         session.subscribe(self._mailbox, keys.moved, keys.pong)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
@@ -153,7 +154,7 @@ class Shell:
                 return stop
 
     def _ready(self) -> bool:
-        """Wait until the next tick may begin; False if the run was interrupted while somebody is awaited."""
+        """Wait until the next tick may begin; False if the run was interrupted while a process was awaited."""
         patience = Patience(time.monotonic())
         while True:
             for node, new in self._attendance.arrivals():
@@ -173,13 +174,13 @@ class Shell:
                 return True
             self._publish()
             if delay_s > Patience.SLICE_S:
-                self._watchers.flush()  # held: who watches wants to see how it stands
+                self._watchers.flush()  # held: watchers want to see the last tick
             self._receive(min(delay_s, Patience.SLICE_S))
             patience = Patience(time.monotonic())
 
     def _send(self, begin: Begin) -> None:
         self._gather = Gather(begin.tick, begin.senses)
-        # A paused process takes its step when it thaws, as one that was stopped at any moment does.
+        # A paused process takes its step when it thaws, as one that is stopped by hand does.
         senses = [
             (node, seal(Kind.DATA, self._attendance.token(node), sense.encode()))
             for node, sense in (*begin.unheard.items(), *begin.senses.items())
@@ -193,7 +194,7 @@ class Shell:
                 self._leave(node, 0, "died")
 
     def _collect(self, begin: Begin) -> float:
-        """Wait for everybody who has not departed, then for the medium; returns when the last one had moved."""
+        """Wait for all nodes that have not departed, then for the medium; returns when the last node had answered."""
         gather, silence = self._gather, self._silence
         excused = {node for node, sense in begin.senses.items() if sense.first}
         silence.wait()
@@ -227,7 +228,7 @@ class Shell:
         return core.end(motions, report if isinstance(report, Report) else None)
 
     def _publish(self) -> None:
-        """Let everybody who watches know what the last tick came to."""
+        """Tell the watchers the account of the last tick, unless that is done."""
         if not self._untold:
             return
         self._untold = False
@@ -235,7 +236,7 @@ class Shell:
         self._phases.mark("recording")
 
     def _leave(self, node: int, token: int, cause: str) -> None:
-        """A node of this tick's roster is gone: nobody waits for it any longer."""
+        """Wait no longer for a node of this tick's roster: it is gone."""
         self._gather.depart(node)
         self._leaving[node] = token, cause
         self._put_positions(seal(Kind.DEPARTED, 0, Departed(self._gather.tick, node).encode()))
@@ -283,23 +284,16 @@ class Shell:
             if self._attendance.token(node):
                 self._refuse(node, token)
             return
-        message = Report.decode(motion) if node == STATION else self._motion(motion)
+        message = decode_word(node, motion, self._config)
         if message.tick != tick:
             raise WireError(f"a motion of tick {message.tick} in an answer of tick {tick}")
         if left and tick == self._gather.tick:
-            # It died, or was given up, a moment after it had answered: the medium may have heard this before it knew.
+            # It died or was given up just after it had answered: the medium may have counted this answer.
             self._gather.keep(node, message)
             if not seated and self._leaving[node][1] == "unresponsive" and self._attendance.token(node):
-                self._refuse(node, token)  # another process took its place meanwhile
+                self._refuse(node, token)  # another process has its seat by now
         if seated and (tick != self._gather.tick or not self._gather.add(node, message)):
             self._attendance.heard(node, token)
-
-    def _motion(self, body: bytes) -> Motion:
-        motion = Motion.decode(body)
-        status = motion.status
-        if max(status.nms, status.msr, status.nmsr) > self._config.robots:
-            raise WireError("a status names a node that is not in this run")
-        return motion
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         token = self._session.keys.token_of(key)
@@ -341,7 +335,7 @@ class Shell:
         self._await_answer()
 
     def _await_answer(self) -> None:
-        """Stay until the medium has the stop: the end of the token may overtake what was put before it."""
+        """Stay until the medium has the stop, since the end of a token may overtake what was put before it."""
         patience, owed = Patience(time.monotonic()), 1 + self._silence.owed
         while owed and patience.wait(time.monotonic()) <= self._config.hang_deadline_s:
             message = self._mailbox.get(Patience.SLICE_S)

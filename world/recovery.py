@@ -1,4 +1,4 @@
-"""The verdict on every fault: whom it cut off from the MS, when they noticed, and when they had a route again.
+"""Verdicts on faults: which robots each cut off from the MS, when they noticed, and when they had a route again.
 
 Orphans of a fault are the living robots whose path to the MS, by the NMS pointers at that moment, went through what
 failed. An orphan *notices* when its hop count becomes infinite or its NMS changes. It has a route *again* when its
@@ -32,7 +32,7 @@ class _Orphan:
     made_before: int = 0
     """Scan reports that it had made when it was cut off."""
     made: int = 0
-    """Those that it has made by now, or had when it was settled."""
+    """Those that it has made by now, or had made when it was settled."""
     discarded_before: int = 0
     discarded: int = 0
     detected_tick: int | None = None
@@ -52,7 +52,7 @@ class _Watch:
     tick: int
     jam: Jam | None
     until_tick: int
-    """A jam cuts and a loss makes orphans before this tick."""
+    """A jam cuts links, and a loss makes orphans, before this tick."""
     orphans: dict[int, _Orphan] = field(default_factory=dict)
 
     def open(self, tick: int) -> bool:
@@ -95,11 +95,11 @@ class Recoveries:
 
     @property
     def watching(self) -> bool:
-        """A verdict is still open."""
+        """Whether a verdict is still open."""
         return bool(self._open)
 
     def replace(self, old: Fault, new: Fault) -> None:
-        """The log now knows how an unscheduled departure ended (`kill` became `restart` or `pause`)."""
+        """Note how an unscheduled departure ended: its `kill` became a `restart` or a `pause`."""
         for watch in self._watches:
             if watch.fault == old:
                 watch.fault = new
@@ -200,6 +200,7 @@ def _verdict(watch: _Watch) -> dict[str, Any]:
         "at_s": watch.fault.at_s,
         "kind": watch.fault.verb,
         "target": watch.fault.target,
+        "fault": describe(watch.fault),
         "orphaned": list(orphans),
         "detected_s": _since(watch, min(noticed, default=None)),
         "recovered_s": _since(watch, max(back)) if recovered is True else None,
@@ -226,7 +227,7 @@ def _since(watch: _Watch, tick: int | None) -> float | None:
 
 
 def _jammed(chain: list[int], jam: Jam, snapshot: Snapshot, station_m: tuple[float, float]) -> bool:
-    """Whether a node of the chain does not hear the next one or, in a region, hears nobody: the MS too."""
+    """Whether a jam breaks a chain: it has the pair as neighbors, or a node, the MS too, in the region."""
     if jam.pair is not None:
         return any({a, b} == set(jam.pair) for a, b in itertools.pairwise(chain))
     if jam.region_m is None:

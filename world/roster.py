@@ -1,4 +1,4 @@
-"""Who takes part: presence, returns and incarnations of every node, and the log of what befell them.
+"""The roster: presence, returns and incarnations of every node, and the log of faults that acted on them.
 
 A node is present, or away. Away by schedule it has a tick at which it comes back (a restart needs its new process
 by then, a pause does not); away for any other reason it comes back when a process shows up, one tick after it left at
@@ -30,12 +30,12 @@ class Rewritten:
 class _Member:
     present: bool = False
     first: bool = False
-    """Joins in this tick."""
+    """It joins in this tick."""
     back_tick: int | None = 0
-    """When it comes back by schedule. At tick 0 everybody comes, with a new process."""
+    """Its scheduled return. At tick 0 all nodes come, each with a new process."""
     needs_process: bool = True
     process: bool = False
-    """A process is there, be it stopped."""
+    """A process is there, though perhaps stopped."""
     waiting: bool = False
     """The process is ready to join."""
     fresh: bool = False
@@ -43,7 +43,7 @@ class _Member:
     processes: int = 0
     gone_tick: int = -1
     entry: int | None = None
-    """Its departure in the log, as long as the log has it gone for good."""
+    """Index of its departure in the log, while that stands as `kill`."""
 
 
 class Roster:
@@ -52,14 +52,14 @@ class Roster:
     def __init__(self, nodes: int) -> None:
         self._members = [_Member() for _ in range(nodes)]
         self.faults: list[Fault] = []
-        """What acted, in order. A departure that nobody scheduled stands as `kill` until the node is back."""
+        """Faults that acted, in order. An unscheduled departure stands as `kill` until the node is back."""
         self.unscheduled = 0
 
     def present(self, node: int) -> bool:
         return self._members[node].present
 
     def paused(self, node: int) -> bool:
-        """Away by schedule, its process stopped."""
+        """Whether it is away by schedule with its process stopped."""
         member = self._members[node]
         return not member.present and member.back_tick is not None and not member.needs_process
 
@@ -73,7 +73,7 @@ class Roster:
         return max(self._members[node].processes - 1, 0)
 
     def awaited(self, tick: int) -> frozenset[int]:
-        """Nodes that come back by schedule now, but whose process has not arrived."""
+        """Nodes whose scheduled return is due but whose process has not arrived."""
         return frozenset(
             node
             for node, m in enumerate(self._members)
@@ -81,7 +81,7 @@ class Roster:
         )
 
     def arrive(self, node: int, *, new: bool) -> None:
-        """A process is ready to join, or (not new) the present process answers again.
+        """A process is ready to join (new), or the one that was there answers again.
 
         Raises:
             ValueError: a second living process of a node.
@@ -96,7 +96,7 @@ class Roster:
             member.waiting = True
 
     def depart(self, node: int, tick: int, *, process: bool) -> Fault | None:
-        """An unscheduled departure from `tick` on; `process` tells whether a process is left that may come back.
+        """Note an unscheduled departure from `tick` on; `process` says whether a process is left that may come back.
 
         Returns:
             The new entry of the log, or None if it was known: away already.
@@ -137,7 +137,7 @@ class Roster:
         return tuple(Signal(tick, node, verb) for verb in verbs)
 
     def admit(self, tick: int) -> tuple[list[tuple[int, Rewritten | None]], list[Signal]]:
-        """Let in everybody who comes back at `tick`.
+        """Admit all nodes that come back at `tick`.
 
         Returns:
             (node, its entry of the log if that changed) for each, and the signals that thaw paused ones.

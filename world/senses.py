@@ -1,4 +1,4 @@
-"""What nodes sense: their pose, and at their turns a lidar scan and the victims in sight."""
+"""Senses of nodes: their pose, and when a scan is due, lidar ranges and victims in sight."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.config import WorldConfig
-from world.geometry import line_of_sight, pad
+from world.grid.lines import line_of_sight, pad
 from world.lidar import Caster
 from world.messages import Sense
 from world.roster import Roster
@@ -33,7 +33,7 @@ class Senses:
         self._seed = config.seed
 
     def at(self, tick: int, nodes: list[int], xy_m: NDArray[np.float64], roster: Roster) -> dict[int, Sense]:
-        """Senses of `nodes`, ascending; `xy_m` is (robots + 1, 2), where everybody truly is.
+        """Senses of `nodes`, ascending; `xy_m` is (robots + 1, 2), the true positions.
 
         A robot scans at its first tick and whenever (tick + node) is a multiple of the lidar's interval.
         """

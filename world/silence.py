@@ -1,12 +1,12 @@
-"""Who is silent, and whose fault that is: a node that hangs, or the medium, past which nothing gets here.
+"""Silence in a tick, and whose fault it is: a node's that hangs, or the medium's, through which all messages come.
 
-Nothing of a node gets to the world past a medium that is stopped, for the medium hosts the router. So a silence counts
-against nodes only while the medium answers pings, and before a node is given up the medium passes on what it holds.
+The medium hosts the router, so nothing reaches the world from any node while the medium is stopped. A silence therefore
+counts against nodes only while the medium answers pings, and before a node is given up the medium passes on what it
+holds.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection
 from typing import Final
 
@@ -20,29 +20,36 @@ _PING_AFTER_S: Final = Patience.SLICE_S / 2
 
 
 class RunError(Exception):
-    """The run can't go on: somebody who is needed is not there, or does not answer."""
+    """The run can't go on: a process that it needs is not there, or does not answer."""
 
 
 class Silence:
     """Judges the silence of nodes, then of the medium, in one tick after the other."""
 
-    def __init__(self, config: WorldConfig, ping: Callable[[], None]) -> None:
-        """`ping`: sends the medium a ping, which it answers once it has passed on all that it holds."""
+    def __init__(self, config: WorldConfig, now_s: Callable[[], float], ping: Callable[[], None]) -> None:
+        """Judge by the deadlines of a run.
+
+        Args:
+            config: of the run.
+            now_s: the wall clock.
+            ping: sends the medium a ping, which it answers once it has passed on all that it holds.
+        """
         self._config = config
+        self._now_s = now_s
         self._ping = ping
         self._owing: Patience | None = None
         """Since when the medium owes an answer."""
         self._answers = 0
-        self._heard_s = time.monotonic()
+        self._heard_s = self._now_s()
         """When something came in last."""
         self._waited = Patience(self._heard_s)
-        """For whom the tick waits at present: the nodes, then the medium."""
+        """How long the tick has waited, for its nodes or then for the medium."""
         self._sure: int | None = None
-        """How many answers there will be when the medium has passed on all that it held at the nodes' deadline."""
+        """The count of answers at which the medium has passed on all that it held at the nodes' deadline."""
 
     def heard(self) -> None:
         """Something came in."""
-        self._heard_s = time.monotonic()
+        self._heard_s = self._now_s()
 
     def answered(self) -> None:
         """The medium answered a ping."""
@@ -56,11 +63,11 @@ class Silence:
 
     def wait(self) -> None:
         """A wait begins: for the nodes of a tick, or for the medium."""
-        self._waited = Patience(time.monotonic())
+        self._waited = Patience(self._now_s())
         self._sure = None
 
     def given_up(self, missing: Collection[int], excused: Collection[int], *, interrupted: bool) -> list[int]:
-        """Nodes whose silence is over the deadline and is their own, ascending; to be asked in every slice.
+        """Nodes that are to be given up, ascending; to be asked in every slice of a wait for nodes.
 
         Args:
             missing: nodes that the tick waits for; not empty.
@@ -70,7 +77,7 @@ class Silence:
         Raises:
             RunError: the medium does not answer.
         """
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if not self._medium_answers(now_s, interrupted=interrupted):
             self._waited.excuse(now_s)
             return []
@@ -87,12 +94,12 @@ class Silence:
         return sorted(node for node in missing if interrupted or late or node not in excused)
 
     def check_medium(self, *, interrupted: bool) -> None:
-        """While the tick waits for the medium alone, to be called in every slice.
+        """Check the medium's deadline; to be called in every slice of a wait for the medium.
 
         Raises:
             RunError: it has done so for longer than the medium's deadline.
         """
-        self._hold_to_deadline(self._waited.wait(time.monotonic()), interrupted=interrupted)
+        self._hold_to_deadline(self._waited.wait(self._now_s()), interrupted=interrupted)
 
     def _medium_answers(self, now_s: float, *, interrupted: bool) -> bool:
         if self._owing is None:

@@ -1,9 +1,9 @@
-"""Where the wall time of the ticks goes: durations, and who was waited for last."""
+"""Wall time of the ticks: how long they take, and which process was waited for last."""
 
 from __future__ import annotations
 
-import time
 from array import array
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,9 @@ class Stopwatch:
     purpose, for a speed or a hold, is no part of a tick.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, unix_s: Callable[[], float]) -> None:
+        """`unix_s`: the clock that dates the first and the last tick, in seconds since 1970."""
+        self._unix_s = unix_s
         self._ticks_s = array("d")
         self._blame_s: dict[str, float] = {"world": 0.0, "medium": 0.0}
         self._first_unix_s = self._last_unix_s = 0.0
@@ -27,8 +29,8 @@ class Stopwatch:
     def tick(
         self, begin_s: float, sent_s: float, moved_s: float, done_s: float, end_s: float, last: str | None
     ) -> None:
-        """Count one tick by its five moments of wall time; `last` is who moved last."""
-        self._last_unix_s = time.time()
+        """Count one tick by its five moments of wall time; `last` is the process that answered last."""
+        self._last_unix_s = self._unix_s()
         if not self._ticks_s:
             self._first_unix_s = self._last_unix_s - (end_s - begin_s)
         self._ticks_s.append(end_s - begin_s)

@@ -1,14 +1,17 @@
-"""The terms that all packages above `world` use: ticks, ids of nodes, classes and modes of robots, and their limits."""
+"""Terms that all packages above `world` use: ticks, ids of nodes, classes and modes of robots, limits of numbers."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
+from typing import Annotated, Final
+
+from annotated_types import Ge, Gt, Le
 
 from bus.nodes import MAX_NODE, NOBODY, STATION
 
 __all__ = [
-    "MAX_NODE", "MAX_TICK", "NOBODY", "STATION", "TICK_S", "UNREACHABLE", "Cls", "Mode", "seconds_of", "tick_of",
+    "MAX_NODE", "MAX_TICK", "MOST", "NOBODY", "STATION", "TICK_S", "UNREACHABLE", "Cls", "Mode", "NotNegative",
+    "Positive", "Probability", "seconds_of", "tick_of",
 ]  # fmt: skip
 
 TICK_S: Final = 0.1
@@ -18,6 +21,12 @@ MAX_TICK: Final = 2**31 - 1
 
 UNREACHABLE: Final = 255
 """Hop count of an infinite metric."""
+
+MOST: Final = 1e9
+"""No number of a scenario is larger, be it of seconds, metres or ticks: sums and products of them stay numbers."""
+Positive = Annotated[float, Gt(0), Le(MOST)]
+NotNegative = Annotated[float, Ge(0), Le(MOST)]
+Probability = Annotated[float, Ge(0), Le(1)]
 
 
 class Cls(IntEnum):

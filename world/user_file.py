@@ -5,20 +5,10 @@ from __future__ import annotations
 import codecs
 import stat
 from pathlib import Path
-from typing import Final
 
-__all__ = ["read_bytes", "read_text", "shown"]
+from bus.excerpt import shown
 
-_MOST_SHOWN: Final = 70
-
-
-def shown(text: object, most: int = _MOST_SHOWN) -> str:
-    """A name or value of the user's for a message: one line, printable, and its middle left out where it is long."""
-    line = "".join(c if c.isprintable() else "?" for c in str(text)[: 2**16])
-    if len(line) <= most:
-        return line
-    ahead = most // 3
-    return f"{line[:ahead]}...{line[ahead + 3 - most :]}"
+__all__ = ["read_bytes", "read_text"]
 
 
 def read_bytes(path: Path, most: int) -> bytes:

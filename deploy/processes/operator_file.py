@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from bus.access import Login
+from deploy.json_file import read_table
 from world.own_file import write_whole
 
 __all__ = ["OPERATOR", "living_launcher", "read_operator", "write_operator"]
 
 OPERATOR: Final = "operator.json"
+_MOST_PID: Final = 2**31 - 1
 
 
 def write_operator(folder: Path, login: Login) -> None:
@@ -28,19 +30,27 @@ def read_operator(folder: Path) -> Login:
     """The operator's login.
 
     Raises:
-        OSError, ValueError, KeyError: no run is under way there.
+        ValueError: no run is under way there, or its file is damaged.
     """
-    told = json.loads((folder / OPERATOR).read_text(encoding="utf-8"))
-    return Login(told["run"], told["endpoint"], told["user"], told["password"])
+    told = read_table(folder / OPERATOR)
+    login = [told.get(name) for name in ("run", "endpoint", "user", "password")]
+    if not all(isinstance(word, str) for word in login):
+        raise ValueError(f"{OPERATOR} has no login")
+    return Login(*map(str, login))
 
 
 def living_launcher(folder: Path) -> int | None:
     """Pid of the launcher of the run that is under way in a run folder, or None."""
     try:
-        pid = int(json.loads((folder / OPERATOR).read_text(encoding="utf-8"))["launcher"])
+        pid = read_table(folder / OPERATOR).get("launcher")
+    except ValueError:
+        return None
+    if not isinstance(pid, int) or not 0 < pid <= _MOST_PID:
+        return None
+    try:
         os.kill(pid, 0)
     except PermissionError:
         return pid
-    except (OSError, ValueError, KeyError, TypeError):
+    except OSError:
         return None
     return pid

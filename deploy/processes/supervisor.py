@@ -78,7 +78,7 @@ class Supervisor:
         places: Mapping[str, int] = {},
         held: IO[bytes] | None = None,
     ) -> None:
-        """Start the fork server.
+        """Prepare; the fork server starts as the context is entered.
 
         Args:
             run: its name, for the titles of processes.
@@ -105,8 +105,6 @@ class Supervisor:
         self._watched = selectors.DefaultSelector()
         """Whose end is waited for: names by sentinel, and the wake-up call."""
         self._watched.register(self._wake_r, selectors.EVENT_READ, _WAKE)
-        logs.mkdir(parents=True, exist_ok=True)
-        _start_fork_server()
 
     def start(self, name: str, target: Callable[..., None], *args: Any) -> int:
         """Start `target(*args)` as process `name` and return its pid. Target and arguments must be picklable.
@@ -186,13 +184,17 @@ class Supervisor:
         return ends + [self._reap(name) for name in list(self._living)]
 
     def __enter__(self) -> Self:
+        self._logs.mkdir(parents=True, exist_ok=True)
+        _start_fork_server()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
         self._watched.close()
+        # Whoever still calls `wake` must not write into a file that gets the same number.
+        wake_w, self._wake_w = self._wake_w, -1
+        os.close(wake_w)
         os.close(self._wake_r)
-        os.close(self._wake_w)
 
     def _reap(self, name: str) -> Exit:
         process = self._living.pop(name)

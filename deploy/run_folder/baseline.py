@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
+from bus.excerpt import shown
+from deploy.json_file import read_table
 from deploy.scenario.files import read_toml
 from deploy.scenario.tables import ScenarioError
 
@@ -29,7 +31,7 @@ def faults_of(folder: Path) -> list[dict[str, Any]]:
     """
     faults = _summary_of(folder).get("faults")
     if not isinstance(faults, list):
-        raise ScenarioError(f"{folder / 'summary.json'} tells no faults")
+        raise ScenarioError(f"{shown(folder / 'summary.json')} tells no faults")
     return faults
 
 
@@ -53,7 +55,7 @@ class Baseline:
         for key in sorted({*was, *now}.difference(_NO_MATTER)):
             if was.get(key) != now.get(key):
                 raise ScenarioError(f"{folder} can't be compared: its {key} is not this run's")
-        return cls(folder, summary.get("search_time_s") or {})
+        return cls(folder, _times_s(folder, summary))
 
     def lost_s(self, search_time_s: Mapping[str, float | None]) -> dict[str, float | None]:
         """Search time beyond this baseline's, by cell and for `all`; None where either run did not get that far."""
@@ -65,13 +67,15 @@ class Baseline:
 
 
 def _summary_of(folder: Path) -> dict[str, Any]:
-    path = folder / "summary.json"
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror}") from None
+        return read_table(folder / "summary.json")
     except ValueError as error:
-        raise ScenarioError(f"{path}: {error}") from None
-    if not isinstance(summary, dict):
-        raise ScenarioError(f"{path} is no summary")
-    return summary
+        raise ScenarioError(str(error)) from None
+
+
+def _times_s(folder: Path, summary: Mapping[str, Any]) -> dict[str, float | None]:
+    """The search times of a summary, by cell."""
+    times_s = summary.get("search_time_s") or {}
+    if not isinstance(times_s, dict) or not all(type(time_s) in (float, int, NoneType) for time_s in times_s.values()):
+        raise ScenarioError(f"{shown(folder / 'summary.json')}: search_time_s is not a table of times")
+    return times_s

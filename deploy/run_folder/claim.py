@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, Final
 
-from world.user_file import shown
+from bus.excerpt import shown
 
 __all__ = ["LOCK", "Claim", "ClaimError", "explained", "new_folder", "refuse_foreign", "take_lock"]
 

@@ -7,17 +7,20 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deploy.json_file import read_table
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 from world.grid import GridGeometry
-from world.map_file import read_map
+from world.grid.map_file import read_map
 
 __all__ = ["MergedMap", "Run", "RunFilesError", "read_run"]
+
+_LONGEST_S: Final = 1e9
 
 
 class RunFilesError(ValueError):
@@ -97,10 +100,10 @@ def _summary(path: Path) -> dict[str, Any]:
     if not path.exists():
         raise RunFilesError(f"{path}: not there: no run folder, or its run has not ended")
     try:
-        summary = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError):
-        raise RunFilesError(f"{path}: not JSON") from None
-    if not isinstance(summary, dict) or "status" not in summary:
+        summary = read_table(path)
+    except ValueError as error:
+        raise RunFilesError(str(error)) from None
+    if "status" not in summary:
         raise RunFilesError(f"{path}: not the summary of a run")
     return summary
 
@@ -139,9 +142,9 @@ def _events(path: Path) -> Iterator[dict[str, Any]]:
     for line in _text(path).splitlines():
         try:
             event = json.loads(line)
-        except (json.JSONDecodeError, RecursionError):
+        except (ValueError, RecursionError):
             continue
-        if isinstance(event, dict) and isinstance(event.get("at_s"), int | float):
+        if isinstance(event, dict) and isinstance(event.get("at_s"), int | float) and abs(event["at_s"]) < _LONGEST_S:
             yield event
 
 

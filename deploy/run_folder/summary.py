@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from deploy.run_folder.verdicts import lost_reports, settle
+from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
 from world.connectivity import Connectivity
 from world.feed import Snapshot
 from world.terms import UNREACHABLE, Cls, seconds_of
@@ -91,7 +91,10 @@ def summary_of(
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),
-            "found": len(station.get("victims_found", latest.victims_found if latest else ())),
+            "found": sum(
+                victim < len(scenario.arena.victims_m)
+                for victim in station.get("victims_found", latest.victims_found if latest else ())
+            ),
         },
         "robots_at_end": [] if latest is None else _robots(latest),
         "frames": medium.get("frames"),
@@ -122,11 +125,13 @@ def _scan_reports(
     world: Mapping[str, Any], station: Mapping[str, Any], latest: Snapshot | None
 ) -> dict[str, int | None]:
     merged = station.get("merged", None if latest is None else latest.merged)
-    lost = None
+    lost = foreign = None
     if "acknowledged" in world and "complete" in station:
-        lost = lost_reports(world["acknowledged"], station["complete"])
+        lost = lost_reports(world["acknowledged"], station)
+        foreign = foreign_reports(world["made"], station)
     told = world.get("scan_reports", {})
-    return {"made": None, "buffered": None, "discarded": None, **told, "merged": merged, "lost": lost}
+    counts = {"made": None, "buffered": None, "discarded": None, **told}
+    return counts | {"merged": merged, "lost": lost, "foreign": foreign}
 
 
 def _robots(s: Snapshot) -> list[dict[str, Any]]:

@@ -6,11 +6,43 @@ them it has. Neither knows both, so they are put together here, when the run is 
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["lost_reports", "settle"]
+from bus.nodes import target_name
+from world.faults import describe, parse_fault
+from world.feed import Event
+from world.terms import NOBODY, STATION, seconds_of, tick_of
+
+__all__ = ["foreign_reports", "lost_reports", "settle", "verdict_on"]
+
+
+def verdict_on(of: int | str, events: Sequence[Event]) -> Callable[[Mapping[str, Any]], bool]:
+    """Whether a verdict, as the world tells it, is on what struck a node, or on a certain fault.
+
+    Args:
+        of: the node (4, "station"), or the fault as the command line has it, with its target as it was asked for
+            ("relay:mid") or as it was resolved.
+        events: of the run; more of them may come in later.
+
+    Raises:
+        ValueError: `of` is neither.
+    """
+    if isinstance(of, int) or of == "station":
+        node = STATION if of == "station" else of
+        return lambda verdict: bool(verdict["robot"] == node)
+    fault = parse_fault(of)
+    fault = dataclasses.replace(fault, at_s=seconds_of(tick_of(fault.at_s)))
+    name = describe(fault)
+
+    def is_on(verdict: Mapping[str, Any]) -> bool:
+        struck = [event.node for event in events if event.kind == "fault" and event.data.get("asked") == name]
+        resolved = [describe(dataclasses.replace(fault, target=target_name(node))) for node in struck if node != NOBODY]
+        return verdict["fault"] in (name, *resolved)
+
+    return is_on
 
 
 def settle(
@@ -35,14 +67,33 @@ def settle(
     return [dict(verdict) | {"scan_reports": _fate(verdict, acknowledged, complete)} for verdict in recoveries]
 
 
-def lost_reports(acknowledged: Mapping[str, Sequence[int]], complete: Mapping[str, int]) -> int:
-    """Scan reports that a robot living at the end no longer has and the MS never got: 0 unless something is broken.
+def lost_reports(acknowledged: Mapping[str, Sequence[int]], station: Mapping[str, Any]) -> int:
+    """Scan reports that are neither on the map nor with their living robot: 0 unless something is broken.
 
-    Arguments as for `settle`.
+    The MS may never have got them, or have taken something else under their number.
+
+    Args:
+        acknowledged: as for `settle`.
+        station: its last counts.
     """
-    return sum(
+    complete: Mapping[str, int] = station["complete"]
+    never = sum(
         max(0, upto - complete.get(f"{robot}/{incarnation}", 0)) for robot, (incarnation, upto) in acknowledged.items()
     )
+    return never + int(station["contradicted"])
+
+
+def foreign_reports(made: Mapping[str, int], station: Mapping[str, Any]) -> int:
+    """Scan reports that are on the map, but that no robot made: 0 unless one speaks in the name of another.
+
+    Args:
+        made: of each robot incarnation ("4/0"): how many reports it made, by its own count.
+        station: its last counts.
+    """
+    complete: Mapping[str, int] = station["complete"]
+    ahead: Mapping[str, Sequence[int]] = station["ahead"]
+    beyond = sum(max(0, number - made.get(source, 0)) for source, number in complete.items())
+    return beyond + sum(number > made.get(source, 0) for source, numbers in ahead.items() for number in numbers)
 
 
 def _fate(

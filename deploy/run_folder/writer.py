@@ -14,10 +14,10 @@ from deploy.run_folder.claim import Claim, ClaimError
 from deploy.run_folder.journal import read_journal
 from deploy.run_folder.metrics import Metrics
 from deploy.run_folder.summary import Finals, Progress, compare, summary_of
-from monitor_station.process import JOURNAL, MAP
+from monitor_station.config import JOURNAL, MAP
 from world.feed import Event, Snapshot
+from world.grid.map_file import save_map
 from world.growing_file import GrowingFile
-from world.map_file import save_map
 from world.own_file import write_whole
 from world.terms import seconds_of
 from world.unwritten import Unwritten

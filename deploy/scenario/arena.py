@@ -11,14 +11,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bus.excerpt import shown
 from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
 from monitor_station.config import SearchCell
-from world.floor_plan import clearance, connected_parts, from_rectangles
-from world.geometry import line_of_sight, pad
 from world.grid import GridGeometry
-from world.map_file import digest_of_map, load_map
+from world.grid.floor_plan import clearance, connected_parts, from_rectangles
+from world.grid.lines import line_of_sight, pad
+from world.grid.map_file import digest_of_map, load_map
 from world.seeds import Stream, sequence
-from world.user_file import shown
 
 __all__ = ["Arena", "survey"]
 

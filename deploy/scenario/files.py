@@ -9,9 +9,10 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final
 
+from bus.excerpt import shown
 from deploy.scenario.name import name_of
 from deploy.scenario.tables import ScenarioError, nearest
-from world.user_file import read_text, shown
+from world.user_file import read_text
 
 __all__ = ["located", "names", "parse_set", "read_source", "read_toml"]
 
@@ -91,8 +92,18 @@ def located(name: str, folder: Path) -> Path:
     """Where a path of the user's leads, seen from `folder`; ~/ is the home folder, as a shell has it.
 
     Links are not followed: what a file names beside itself lies beside the link.
+
+    Raises:
+        ScenarioError: there is no such path: the working folder is gone, or a name in it is no text.
     """
-    return (folder / _at_home(name)).absolute()
+    try:
+        path = (folder / _at_home(name)).absolute()
+        str(path).encode()
+    except OSError as error:
+        raise ScenarioError(f"{shown(name)}: the working folder: {error.strerror}") from None
+    except UnicodeEncodeError:
+        raise ScenarioError(f"{shown(name)}: its path is not UTF-8, so no scenario can name it; rename it") from None
+    return path
 
 
 def _at_home(name: str) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.policies import PolicyError, policy_class
+from bus.excerpt import shown
 from deploy.scenario.arena import survey
 from deploy.scenario.files import located, read_source
 from deploy.scenario.name import check_name
@@ -16,7 +17,6 @@ from deploy.scenario.scenario import Scenario
 from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fault
 from world.config import Fault
 from world.faults import check_fault, parse_fault
-from world.user_file import shown
 
 __all__ = ["load"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from bus.excerpt import shown
 from deploy.scenario.tables import ScenarioError
-from world.user_file import shown
 
 __all__ = ["check_name", "name_of"]
 

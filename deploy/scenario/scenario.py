@@ -10,15 +10,15 @@ from typing import Any
 import tomli_w
 
 from agents.config import POWER_SMOOTHING_S, RobotConfig
+from bus.excerpt import shown
 from deploy.scenario.arena import Arena
 from deploy.scenario.tables import Tables
 from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
 from world.config import WorldConfig
 from world.faults import fault_form
-from world.map_file import digest_of_map
+from world.grid.map_file import digest_of_map
 from world.terms import STATION
-from world.user_file import shown
 
 __all__ = ["Scenario"]
 
@@ -113,6 +113,7 @@ class Scenario:
             tx_power_dbm=radio.tx_power_dbm,
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
+            robots=tables.robots,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             policy=tables.policy,

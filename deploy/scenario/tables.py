@@ -19,9 +19,11 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from agents.config import Rules
+from bus.excerpt import shown
 from medium.config import Radio
-from world.config import Fault, Lidar, NotNegative, Positive
-from world.user_file import shown
+from world.config import Fault, Lidar
+from world.grid.geometry import MAX_CELLS
+from world.terms import MOST, Positive
 
 __all__ = [
     "Cell",
@@ -36,8 +38,9 @@ __all__ = [
     "validate_fault",
 ]
 
-Point: TypeAlias = tuple[float, float]
-Rectangle: TypeAlias = tuple[float, float, float, float]
+Coordinate: TypeAlias = Annotated[float, Ge(-MOST), Le(MOST)]
+Point: TypeAlias = tuple[Coordinate, Coordinate]
+Rectangle: TypeAlias = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 
 
 class ScenarioError(ValueError):
@@ -86,7 +89,7 @@ class Cell:
 class Victims:
     """Who is to be found."""
 
-    per_cell: Annotated[int, Ge(0)] = 3
+    per_cell: Annotated[int, Ge(0), Le(MAX_CELLS)] = 3
     """Seeded places in each search cell, unless positions are given."""
     positions_m: tuple[Point, ...] = ()
 
@@ -122,7 +125,7 @@ class Tables:
     duration_s: Annotated[float, Gt(0), Le(1e8)] = 4000.0
     speed: Literal["max"] | Positive = "max"
     """Simulated seconds per second of wall time."""
-    pose_noise_m: NotNegative = 0.0
+    pose_noise_m: Annotated[float, Ge(0), Le(100)] = 0.0
     """Standard deviation of each coordinate that a robot senses of itself."""
     station: StationPlace = field(default_factory=StationPlace)
     cell: Annotated[tuple[Cell, ...], MaxLen(1000)] = ()

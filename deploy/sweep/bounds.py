@@ -15,7 +15,7 @@ from agents.own_map import OwnMap
 from agents.planner import Planner
 from deploy.scenario import Scenario
 from deploy.scenario.arena import Arena
-from world.geometry import walls_crossed
+from world.grid.lines import walls_crossed
 from world.terms import STATION
 
 __all__ = ["Bounds", "bounds_of"]

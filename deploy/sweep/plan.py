@@ -17,11 +17,11 @@ from typing import Annotated, Any, Final, Literal
 from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from bus.excerpt import shown
 from deploy.scenario import Scenario, ScenarioError, load
 from deploy.scenario.files import located, read_toml
 from deploy.scenario.name import check_name, name_of
 from deploy.scenario.tables import nearest
-from world.user_file import shown
 
 __all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "study_names"]
 

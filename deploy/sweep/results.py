@@ -6,6 +6,7 @@ end by `kill -9` loses nothing but the runs in progress. Files appear under thei
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -16,6 +17,7 @@ from typing import IO, Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from deploy.json_file import read_table
 from deploy.run_folder.claim import explained, refuse_foreign, take_lock
 from deploy.sweep.plan import Point
 from deploy.sweep.row import ERROR, Finished
@@ -138,12 +140,20 @@ class Results:
     def noted(self) -> dict[str, Any]:
         """What `note` kept; empty if nothing yet."""
         try:
-            return dict(json.loads((self.folder / "study.json").read_text("utf-8")))
-        except (OSError, ValueError):
+            return read_table(self.folder / "study.json")
+        except ValueError:
             return {}
 
     def _read_parts(self) -> list[dict[str, Any]]:
-        return [json.loads(path.read_text("utf-8")) for path in sorted(self._parts.glob("*.json"))]
+        """Runs that are not in the tables yet. A damaged file is none: its run is run again."""
+        parts = []
+        for path in sorted(self._parts.glob("*.json")):
+            with contextlib.suppress(ValueError):
+                part = read_table(path)
+                row, series = part.get("row"), part.get("series")
+                if isinstance(row, dict) and isinstance(row.get("key"), str) and isinstance(series, dict):
+                    parts.append(part)
+        return parts
 
 
 def differences(left: Iterable[Row], right: Iterable[Row]) -> list[str]:

@@ -80,13 +80,14 @@ def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
 
 def _with_processes(scenario: Scenario, folder: RunFolder, place: Path) -> dict[str, Any]:
     from bus.session import local_endpoint
+    from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
     from deploy.processes.limits import allow_files
     from deploy.screen.view import Silence
 
     allow_files(scenario.robots)
-    endpoint = local_endpoint(place, scenario.robots)
-    return Launcher(scenario, folder, endpoint, Silence(), record=False).run().summary
+    fleet = Fleet(scenario, folder.path, local_endpoint(place, scenario.robots), record=False)
+    return Launcher(fleet, folder, Silence()).run().summary
 
 
 def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Only this process writes results, so workers need no shared disk; one that is lo
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import signal
 import threading
@@ -21,7 +22,12 @@ from deploy.processes.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
 
-__all__ = ["DaskCluster", "Execution", "LocalPool"]
+__all__ = ["DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
+
+
+class WorkersGoneError(Exception):
+    """No worker can be reached any more. The runs that they had in hand are still to do; one line for the user."""
+
 
 _OF_WORKER: Final = contextlib.ExitStack()
 """What a worker of a local pool holds until it ends."""
@@ -35,7 +41,11 @@ class Workers(Protocol):
 
     @property
     def executor(self) -> Executor:
-        """The executor; after `renew` another one."""
+        """The executor; after `renew` another one.
+
+        Raises:
+            WorkersGoneError: there is none any more.
+        """
 
     def renew(self) -> None:
         """Replace an executor whose worker was lost."""
@@ -86,6 +96,8 @@ class DaskCluster:
         """
         import distributed
 
+        # The client logs a traceback where its scheduler goes away; that is told in one line here.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         connect: Any = distributed.Client
         self._client = connect(address, timeout="10s")
         # Not `pure`: Dask would take equal arguments for a result that it has; failures are our own rows.
@@ -93,6 +105,8 @@ class DaskCluster:
 
     @property
     def executor(self) -> Executor:
+        if self._client.status == "closed":
+            raise WorkersGoneError("the Dask scheduler is gone")
         return self._executor
 
     def renew(self) -> None:
@@ -126,14 +140,20 @@ class Execution:
     """Keys of runs in whose company a worker died."""
 
     def results(self, points: Sequence[Point]) -> Iterator[tuple[Point, Finished]]:
-        """Run all points; yields each as it ends, in whatever order that is."""
+        """Run all points; yields each as it ends, in whatever order that is.
+
+        Raises:
+            WorkersGoneError: nobody is left who could run them; what has ended was yielded before.
+        """
         todo = deque(points)
         running: dict[Future[Finished], Point] = {}
         while todo or running:
             lost = not self._hand_over(todo, running)
             done = set(running) if lost else wait(running, return_when=FIRST_COMPLETED).done
             victims: list[Point] = []
-            for future in done:
+            # Nobody here cancels a run: Dask's client does, when it loses its scheduler.
+            cancelled = [future for future in done if future.cancelled()]
+            for future in done.difference(cancelled):
                 point = running.pop(future)
                 finished = self._outcome(future, point)
                 if finished is None:
@@ -141,6 +161,8 @@ class Execution:
                 else:
                     self._suspects.discard(point.key)
                     yield point, finished
+            if cancelled:
+                raise WorkersGoneError(f"the Dask scheduler is gone, with {len(running)} runs in hand")
             if not lost and not victims:
                 continue
             victims += running.values()

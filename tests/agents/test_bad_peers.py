@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
-from agents.messages import MapChunk, ScanReport, Update
+from agents.messages import ACK, MapChunk, ScanReport, Update
 from agents.policies import policy_class
 from agents.robot import Robot
-from agents.vds import Vds
 from bus.codec import pack
 from deploy.scenario import load
-from medium.messages import Inbox
+from medium.messages import Inbox, Reception
 from monitor_station.core import Station
+from world.grid import FREE, OCCUPIED
 from world.messages import Sense
 from world.terms import NOBODY, STATION
 
@@ -27,9 +29,9 @@ LAST_TICK = 40
 def update(rng: random.Random, tick: int, src: int) -> bytes:
     """A well-formed update that may say anything: far-off places, unheard-of robots, numbers of the future."""
     table = ForwardingTable(src)
-    for dst in {STATION, src, rng.randrange(65_535), rng.randrange(1, 12)}:
+    for dst in {STATION, src, rng.randrange(1, 10), rng.choice([3, 11, 65_535])}:
         hop = 0 if dst == src else rng.choice([1, 2, 250, 254, 255])
-        seqno = 2 * max(0, tick + rng.choice([-5, 0, 10**6])) + (hop == 255)
+        seqno = 2 * max(0, tick - rng.choice([1, 3, 5, -(10**6)])) + (hop == 255)
         table.set_route(dst, freshness_of(seqno, hop), src)
         places = [rng.choice([-2e4, -1.0, 0.0, 28.0, 2e4]) for _ in range(4)]
         table.set_inherent(
@@ -73,26 +75,6 @@ def test_nothing_that_is_heard_stops_a_robot(policy: str, seed: int) -> None:
     assert robot.bad_frames + robot.body.router.bad_frames > 0
 
 
-@pytest.mark.parametrize(
-    ("freshness", "nms", "bad"),
-    [
-        pytest.param((2**56 - 1) * 256 + 200, NOBODY, 1, id="odd number, finite metric"),
-        pytest.param(2**64 - 256, NOBODY, 1, id="a number that no clock reaches"),
-        pytest.param(2**62 - 256, NOBODY, 0, id="highest number, infinite"),
-        pytest.param(2**62 - 257, 2, 0, id="highest even number, which breaks to the highest"),
-    ],
-)
-def test_whatever_a_neighbor_says_of_the_ms_the_table_stays_sound(freshness: int, nms: int, bad: int) -> None:
-    robot = Robot(load("three_cells").robot_config(1), Vds, random.Random(1), 0, 0)
-    rows = ROW.pack(2, freshness_of(0, 0), bytes(18)) + ROW.pack(STATION, freshness, bytes(18))
-    heard = (2, -60.0, Update(STATION, NOBODY, 0, rows, b"").encode())
-    for tick in range(LAST_TICK):
-        robot.step(Sense(tick, tick == 0, 0, 28.0, 35.0), Inbox(tick, (heard,) if tick == 1 else ()) if tick else None)
-        if tick == 1:
-            assert (robot.body.router.ms.nms, robot.body.router.bad_frames) == (nms, bad)
-    robot.body.router.table.check_invariants()
-
-
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:
@@ -107,3 +89,186 @@ def test_nothing_that_is_heard_stops_the_station(seed: int) -> None:
         assert report.merged >= 0
         station.view()
     assert station.final()["bad_frames"] > 0
+
+
+N = 9
+"""Robots of three_cells."""
+
+
+def rows(*entries: tuple[int, int, int]) -> bytes:
+    """A forwarding table of (dst, sequence number, hop count)."""
+    return b"".join(ROW.pack(dst, freshness_of(seqno, hop), bytes(18)) for dst, seqno, hop in entries)
+
+
+def said(src: int, tick: int, *entries: tuple[int, int, int], **fields: Any) -> Reception:
+    """An update of `src`, which is heard at `tick`: its own row, as it must be, and further ones."""
+    own = (src, 2 * (tick - 1), 0)
+    update = {"nms": NOBODY, "hold": NOBODY, "map_version": 0, "rows": rows(own, *entries), "acks": b""} | fields
+    return src, -60.0, Update(**update).encode()
+
+
+class Listener:
+    """Robot 1, which hears what it is told, one tick after another."""
+
+    def __init__(self, policy: str = "vds", **overrides: Any) -> None:
+        config = load("three_cells", {"policy": policy} | overrides).robot_config(1)
+        self.robot = Robot(config, policy_class(policy), random.Random(1), 0, 0)
+        self.tick = 0
+        self.heard: list[Reception] = []
+
+    def step(self, *heard: Reception) -> None:
+        ranges = np.full(180, 5.0) if self.tick % 5 == 0 else None
+        sense = Sense(self.tick, self.tick == 0, 0, 28.0, 35.0, ranges)
+        self.robot.step(sense, Inbox(self.tick, heard) if self.tick else None)
+        self.robot.body.router.table.check_invariants()
+        self.tick += 1
+
+    def until(self, tick: int) -> None:
+        while self.tick < tick:
+            self.step()
+
+    @property
+    def bad(self) -> int:
+        return self.robot.bad_frames + self.robot.body.router.bad_frames
+
+
+@pytest.mark.parametrize(
+    ("entry", "bad"),
+    [
+        pytest.param((STATION, 36, 1), 0, id="MS one hop away, as early as can be"),
+        pytest.param((STATION, 38, 1), 1, id="MS one hop away, a tick too early"),
+        pytest.param((STATION, 30, 4), 0, id="MS four hops away"),
+        pytest.param((STATION, 32, 4), 1, id="MS four hops away, faster than a hop a tick"),
+        pytest.param((STATION, 39, 255), 0, id="MS lost, as late as can be"),
+        pytest.param((STATION, 41, 255), 1, id="MS lost, in the future"),
+        pytest.param((STATION, 2**54, 1), 1, id="MS near 2^54"),
+        pytest.param((STATION, 2**54 + 1, 255), 1, id="MS lost near 2^54"),
+        pytest.param((STATION, 2**55 + 2, 1), 1, id="MS beyond any clock"),
+        pytest.param((STATION, 36, 0), 1, id="it says that it is the MS"),
+        pytest.param((STATION, 35, 1), 1, id="odd number, finite metric"),
+        pytest.param((3, 36, 1), 0, id="a robot one hop away"),
+        pytest.param((3, 38, 1), 1, id="a robot one hop away, a tick too early"),
+        pytest.param((3, 2**54, 1), 1, id="a robot near 2^54"),
+        pytest.param((3, 36, 0), 1, id="it says that it is another robot"),
+        pytest.param((1, 2**54, 1), 1, id="me near 2^54"),
+        pytest.param((N, 30, 1), 0, id="the last robot"),
+        pytest.param((N + 1, 30, 1), 1, id="a robot that there is not"),
+        pytest.param((30_000, 30, 1), 1, id="a far higher id"),
+    ],
+)
+def test_a_row_that_cannot_be_is_malformed(entry: tuple[int, int, int], bad: int) -> None:
+    listener = Listener()
+    listener.until(20)
+    listener.step(said(2, 20, entry))
+    assert listener.bad == bad
+    table = listener.robot.body.router.table
+    dst, _, hop = entry
+    if dst == STATION:
+        assert table.next_hop_to(STATION) == (2 if not bad and hop < 255 else NOBODY)
+    elif dst != 1:
+        assert table.hop(dst) == (255 if bad else hop + 1)
+    assert max(table.known) <= N
+    # What comes next is taken as if nothing had been said.
+    listener.step(said(2, 21, (STATION, 38, 1), (3, 38, 1)))
+    assert (table.hop(STATION), table.hop(3)) == (2, 2)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"nms": N + 1},
+        {"hold": N + 1},
+        {"map_version": 2 * load("three_cells").arena.geometry.size + 1},
+        {"acks": ACK.pack(N + 1, 0, 1)},
+        {"acks": ACK.pack(STATION, 0, 1)},
+        {"acks": ACK.pack(4, 0, 21)},
+        {"acks": ACK.pack(4, 19, 2)},
+        {"acks": ACK.pack(4, 0, 2**32 - 1)},
+        {"acks": ACK.pack(4, 0, 1) * 2},
+        {"acks": ACK.pack(4, 0, 1) + ACK.pack(3, 0, 1)},
+    ],
+)
+def test_an_update_that_cannot_be_is_malformed(fields: dict[str, Any]) -> None:
+    listener = Listener()
+    listener.until(20)
+    listener.step(said(2, 20, **fields))
+    assert (listener.bad, list(listener.robot.body.router.neighbors.by_id)) == (1, [])
+    listener.step(said(2, 21, nms=N, hold=N, acks=ACK.pack(3, 1, 20) + ACK.pack(4, 0, 21)))
+    assert (listener.bad, list(listener.robot.body.router.neighbors.by_id)) == (1, [2])
+
+
+def chunk(first: int, cells: Any, values: Any) -> Reception:
+    return 2, -60.0, MapChunk(first, np.array(cells, np.uint32), np.array(values, np.int8)).encode()
+
+
+@pytest.mark.parametrize("policy", ["vds", "scout"])
+def test_a_robot_whose_whole_map_is_said_to_be_wall_goes_on(policy: str) -> None:
+    listener = Listener(policy)
+    listener.until(6)
+    known = np.flatnonzero(listener.robot.body.map.cells >= 0)
+    for start in range(0, len(known), 2000):
+        cells = known[start : start + 2000]
+        listener.step(chunk(start, cells, np.ones(len(cells))))
+    assert not (listener.robot.body.map.cells == FREE).any()
+    # With a route and without one, as a relay and as a search robot.
+    for tick in range(listener.tick, listener.tick + 40):
+        entries = (STATION, 2 * (tick - 2), 1), (3, 2 * (tick - 2), 1), (4, 2 * (tick - 2), 1)
+        listener.step(said(2, tick, *entries), said(5, tick, nms=1))
+    listener.until(listener.tick + 40)
+    assert listener.bad == 0
+
+
+def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
+    listener = Listener("vds")
+    size = listener.robot.body.map.geometry.size
+    free = [0, 1, 2]
+    bad = [
+        chunk(0, np.zeros(2001), np.zeros(2001)),  # more than is sent at once
+        chunk(2_000_306, [1], [1]),  # a number beyond two of each cell
+        chunk(2 * size - 1, [1, 2], [1, 1]),
+        chunk(0, [size], [1]),  # no cell
+        chunk(0, [5, 5], [0, 0]),  # changes nothing
+        chunk(0, [5, 5], [1, 0]),  # falls
+    ]
+    listener.until(6)
+    for reception in bad:
+        listener.step(reception)
+    assert (listener.bad, listener.robot.downlink.version) == (len(bad), 0)
+    listener.step(chunk(0, free, [0, 0, 1]))
+    listener.step(chunk(2, [2, 1], [1, 1]))  # what is known, and a cell that turned out to be a wall
+    listener.step(chunk(4, free[:1], [0]))  # again
+    assert (listener.bad, listener.robot.downlink.version) == (len(bad) + 1, 4)
+    assert listener.robot.body.map.cells[:3].tolist() == [0, 1, 1]
+
+
+def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
+    """It would take the report away unsent."""
+    listener = Listener()
+    listener.until(7)
+    uplink = listener.robot.uplink
+    assert (uplink.made, uplink.buffered) == (1, 1), "without a route nothing is sent"
+    listener.step(said(2, 7, (STATION, 10, 1), acks=ACK.pack(1, 0, 1)))
+    assert (uplink.buffered, listener.bad) == (1, 1)
+    listener.step(said(2, 8, (STATION, 12, 1), acks=ACK.pack(1, 0, 2)))
+    assert (uplink.buffered, listener.bad) == (1, 2)
+    listener.step(said(2, 9, (STATION, 14, 1), acks=ACK.pack(1, 0, 1)))
+    assert (uplink.buffered, listener.bad) == (0, 2)
+
+
+def test_walls_without_number_make_a_place_infinitely_far_and_no_more() -> None:
+    listener = Listener("scout", **{"radio.model": "log_distance", "radio.wall_loss_db": 60.0})
+    listener.until(6)
+    robot, tick = listener.robot, listener.tick
+    stripes = robot.body.map.cells.reshape(robot.body.map.geometry.rows, -1)
+    stripes[:, ::2] = OCCUPIED
+    away = ROW.pack(2, freshness_of(2 * (tick - 1), 0), struct.pack("<H4i", 0, -(2**31), 2**31 - 1, 0, 0))
+    away += ROW.pack(STATION, freshness_of(2 * (tick - 2), 1), bytes(18))
+    listener.step(said(2, tick, rows=away))
+    listener.until(tick + 5)
+    assert robot.body.router.neighbors.hear(3, tick, -1e308).distance_m > 1e100
+
+
+def test_what_a_robot_says_of_far_away_places_fits_its_row() -> None:
+    table = ForwardingTable(1)
+    table.set_inherent(1, 0, (-1e8, 1e8), (3.0, 4.0))
+    assert (table.location_m(1), table.target_m(1)) == ((-21474.83647, 21474.83647), (3.0, 4.0))

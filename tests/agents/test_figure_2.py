@@ -41,7 +41,7 @@ def robot_c() -> Router:
     for node, (hops, nms) in HEARD.items():
         other = Router(router_config(node), rng, 0)
         for dst, hop in hops.items():
-            other.table.set_route(dst, freshness_of(2 * (TICK - hop), hop), dst)
+            other.table.set_route(dst, freshness_of(2 * (TICK - 1 - hop), hop), dst)
             other.table.set_inherent(dst, CLASS.get(dst, Cls.RR), LOCATION[dst], LOCATION[dst])
         update = Update(nms, NOBODY, 0, other.table.advertised(), b"").encode()
         heard.append((node, power_dbm(math.dist(LOCATION[node], LOCATION[C])), update))

@@ -81,6 +81,7 @@ def test_orphans_of_a_relay_notice_and_recover() -> None:
         "at_s": 1.0,
         "kind": "kill",
         "target": "2",
+        "fault": "kill:2@1",
         "orphaned": [3, 4],
         "detected_s": 0.5,
         "recovered_s": 1.2,

@@ -5,46 +5,80 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agents.dsdv import Router
+from agents.forwarding_table import freshness_of
 from agents.link_quality import LinkQuality
 from agents.messages import Update
-from tests.helpers.routing_field import Field, power_dbm, router_config
+from deploy.scenario import load
+from deploy.simulation import Simulation
+from tests.helpers.routing_field import Entries, Field, entries_of, power_dbm, router_config, stale_hops
 from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
 SETTLED_TICKS = 45
 """Time-out, probing, and as many ticks as a change needs to cross the network and back."""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     nodes=st.integers(3, 9),
     seed=st.integers(0, 2**32),
     loss=st.sampled_from([0.0, 0.1, 0.3]),
     step_m=st.sampled_from([0.3, 1.0, 3.0]),
+    faults=st.sampled_from([0.03, 0.2]),
 )
-def test_no_loop_at_any_tick_and_freshness_never_falls(nodes: int, seed: int, loss: float, step_m: float) -> None:
+# When robot 5 is back from a pause, and before its first tick, its table points to 1, a new incarnation that has just
+# learned a route through 5.
+@example(nodes=6, seed=209, loss=0.0, step_m=3.0, faults=0.03)
+def test_no_loop_at_any_tick_and_freshness_never_falls(
+    nodes: int, seed: int, loss: float, step_m: float, faults: float
+) -> None:
     rng = random.Random(seed)
     field = Field(nodes, rng, loss=loss)
-    before: dict[int, tuple[int, dict[int, int]]] = {}
+    before: Entries = {}
+    newest: Entries = {}
     for _ in range(150):
-        if rng.random() < 0.03:
-            field.restart(rng.randrange(nodes))
-        if rng.random() < 0.03:
+        if rng.random() < faults:
+            newcomer = rng.randrange(nodes)
+            field.restart(newcomer)
+            newest.pop(newcomer, None)
+        if rng.random() < faults:
             field.pause(rng.randrange(nodes), rng.randint(1, 30))
         field.move(step_m)
         field.step()
         assert field.loops() == []
-        for node, router in field.routers.items():
-            now = {dst: router.table.freshness(dst) for dst in router.table.known}
-            incarnation, old = before.get(node, (-1, now))
-            if incarnation == field.incarnation[node]:
-                assert all(now[dst] >= freshness for dst, freshness in old.items()), (
-                    f"node {node}: an entry became older"
-                )
-            before[node] = field.incarnation[node], now
+        now = field.entries()
+        assert stale_hops(before, now) == []
+        for node, table in now.items():
+            old = newest.get(node, {})
+            assert all(table[dst][0] >= freshness for dst, (freshness, _) in old.items()), f"{node}: an older entry"
+        newest |= now
+        before = now
+
+
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 2**32), policy=st.sampled_from(["vds", "scout"]))
+def test_missions_with_pauses_and_restarts_pass_frames_on_by_ever_fresher_entries(seed: int, policy: str) -> None:
+    """The same of the program's own world and robots, who leave and return as they do in a run."""
+    rng = random.Random(seed)
+    targets = ["station", "relay:mid", *map(str, range(1, 9))]
+    faults = [
+        f"{rng.choice(['pause', 'restart'])}:{rng.choice(targets)}@{tick / 10}+{rng.randint(1, 25) / 10}"
+        for tick in range(30, 300)
+        if rng.random() < 0.25
+    ]
+    overrides = {"robots": 8, "radius_m": 9.0, "duration_s": 30.0, "seed": seed, "policy": policy, "fault": faults}
+    simulation = Simulation(load("three_cells", overrides))
+    before: Entries = {}
+    stopped = False
+    while not stopped:
+        snapshot, stopped = simulation.step()
+        taking_part = snapshot.nodes[snapshot.present == 1].tolist()
+        now = entries_of({robot: simulation.robots[robot].body.router for robot in taking_part}, snapshot.tick)
+        assert stale_hops(before, now) == []
+        before = now
 
 
 @settings(max_examples=40, deadline=None)
@@ -123,6 +157,28 @@ def test_a_new_incarnation_is_silent_for_the_timeout_and_one_tick() -> None:
     assert field.hop(1, STATION) == 1
 
 
+def test_who_comes_back_gives_up_a_restarted_next_hop_before_it_sends() -> None:
+    """Until its first tick the table of 2 leads to 1, that of 1 to 3, and that of 3 to 2; no frame takes that way."""
+    field = chain({0: (0.0, 0.0), 1: (7.0, 0.0), 2: (14.0, 0.0), 3: (17.5, 6.0)})
+    for _ in range(20):
+        field.step()
+    assert field.path_to_ms(3) == [3, 2, 1, 0]
+    field.restart(1)
+    field.places |= {0: (0.0, 500.0), 3: (10.5, 6.0)}
+    for _ in range(2):
+        field.step()
+    field.pause(2, 10)
+    for _ in range(10):
+        field.step()
+    assert 2 in field.present
+    assert [field.next_hop(node, STATION) for node in (2, 1, 3)] == [1, 3, 2]
+    assert field.loops() == []
+    before = field.entries()
+    field.step()
+    assert [field.next_hop(node, STATION) for node in (2, 1, 3)] == [NOBODY, 3, NOBODY]
+    assert stale_hops(before, field.entries()) == []
+
+
 def update_of(router: Router, nms: int) -> bytes:
     return Update(nms, NOBODY, 0, router.table.advertised(), b"").encode()
 
@@ -162,16 +218,16 @@ def test_equal_hop_counts_do_not_flap() -> None:
     """Two neighbors offer the same: whoever was taken first stays."""
     rng = random.Random(0)
     me = Router(router_config(1), rng, 0)
-    for tick in range(1, 20):
+    for tick in range(5, 24):
         offers = []
         for neighbor in (2, 3):
             other = Router(router_config(neighbor), rng, 0)
-            other.announce_self(tick, (0.0, 5.0), Cls.SR, (0.0, 0.0))
-            other.table.set_route(7, 2 * tick * 256 + 255 - 3, 9)
+            other.announce_self(tick - 1, (0.0, 5.0), Cls.SR, (0.0, 0.0))
+            other.table.set_route(7, freshness_of(2 * (tick - 4), 3), 9)
             other.table.set_inherent(7, Cls.SR, (1.0, 1.0), (1.0, 1.0))
             offers.append((neighbor, power_dbm(5.0), update_of(other, NOBODY)))
         # Node 3 alone at first, then 2 as well, whose id is lower.
-        me.step(tick, offers[1:] if tick < 5 else offers)
+        me.step(tick, offers[1:] if tick < 9 else offers)
         assert me.table.next_hop_to(7) == 3
 
 

@@ -197,13 +197,14 @@ def test_bad_command_changes_nothing_and_says_why(line: str) -> None:
 
 
 def test_blame_is_shared_out() -> None:
-    watch = Stopwatch()
+    watch = Stopwatch(iter((100.0, 104.0)).__next__)
     watch.tick(0.0, 1.0, 4.0, 6.0, 7.0, "robot-1")
     watch.tick(10.0, 10.0, 11.0, 11.0, 11.0, "station")
     final = watch.final()
     assert final["tick_blame"] == {"medium": 0.25, "robot-1": 0.375, "station": 0.125, "world": 0.25}
     assert final["tick_ms"]["p50"] == pytest.approx(4000.0)
-    assert Stopwatch().final()["tick_ms"]["p50"] is None
+    assert final["ticked_unix_s"] == [93.0, 104.0], "the first tick began seven seconds before it was counted"
+    assert Stopwatch(lambda: 0.0).final()["tick_ms"]["p50"] is None
 
 
 def _robot_config() -> RobotConfig:

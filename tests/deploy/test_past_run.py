@@ -68,5 +68,5 @@ def test_the_fate_of_every_report_is_told() -> None:
     (settled,) = settle([verdict], acknowledged, complete)
     # Robot 1 believes that 14 and 15 are there: lost. Robot 2 still holds 6 and 7. Robot 3 died with 3 to 6.
     assert settled["scan_reports"] == {"delayed": 3 + 2 + 2, "pending": 2, "dead": 4, "lost": 2, "discarded": 3}
-    assert lost_reports(acknowledged, complete) == 2
+    assert lost_reports(acknowledged, {"complete": complete, "contradicted": 3}) == 2 + 3
     assert set(settle([verdict], acknowledged, None)[0]["scan_reports"].values()) == {None}

@@ -6,10 +6,8 @@ import contextlib
 import dataclasses
 import functools
 import math
-import os
 import signal
 import subprocess
-import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -29,28 +27,12 @@ from deploy.sweep.plots import draw
 from deploy.sweep.results import Results, differences
 from deploy.sweep.row import ERROR, Finished, run_point
 from deploy.sweep.statistics import estimate, goes_first, kept, mean_rates, ratio
-from deploy.sweep.workers import DaskCluster, Execution, LocalPool
-from tests import ROOT
+from deploy.sweep.workers import Execution, LocalPool
+from tests.helpers.studies import command, tiny
 from tests.helpers.study_workers import die_once_told, pretend
 from tests.helpers.waiting import alive, wait_until
 
 BOUNDS = Bounds(60.0, 8.0, 1 / 3.6, 0.8)
-TINY = """
-scenario = "three_cells"
-plot = "search_time"
-[set]
-robots = 2
-duration_s = {duration}
-[axes]
-radius_m = [20.0]
-seed = "1..{seeds}"
-"""
-
-
-def tiny(folder: Path, seeds: int, duration: float) -> Path:
-    path = folder / "tiny.toml"
-    path.write_text(TINY.format(seeds=seeds, duration=duration))
-    return path
 
 
 Claimed = Callable[[Path], Results]
@@ -267,10 +249,6 @@ def test_a_worker_that_dies_costs_its_own_run_only(tmp_path: Path, pool: LocalPo
     assert "worker process died" in rows[2]["error"]
 
 
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, str(ROOT / "deploy" / "study.py"), *map(str, arguments)]
-
-
 def stopped_by(number: signal.Signals, ask: list[str], parts: Path, workers_end_within_s: float = 10) -> int:
     """Stop a study after its next result; returns its exit status once its workers are gone too."""
     before = len(list(parts.glob("*.json")))
@@ -326,27 +304,6 @@ def test_real_processes_give_the_same_row(tmp_path: Path) -> None:
     theirs = run_point(point.key, point.variant, point.toml, "processes", 1)
     assert theirs.row["engine"] == "processes"
     assert differences([ours.row], [theirs.row]) == []
-
-
-@pytest.mark.processes
-def test_a_dask_worker_killed_half_way_changes_nothing(tmp_path: Path) -> None:
-    from distributed import LocalCluster
-
-    points = points_of(load_study(str(tiny(tmp_path, 8, 30.0))))
-    rows = []
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        workers = DaskCluster(cluster.scheduler_address)
-        victim = next(iter(cluster.workers.values())).pid
-        for count, (_, run) in enumerate(Execution(workers, "in-process", 1).results(points), 1):
-            rows.append(run.row)
-            if count == 4:
-                os.kill(victim, signal.SIGKILL)
-        wait_until(lambda: not alive(victim), 10, "the worker was killed")
-        workers.close()
-    assert len(rows) == 8
-    assert {found["status"] for found in rows} == {"time_limit"}
-    alone = [run_point(p.key, p.variant, p.toml, "in-process", 1).row for p in points]
-    assert differences(rows, alone) == []
 
 
 # Statistics

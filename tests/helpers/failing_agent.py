@@ -13,6 +13,7 @@ from typing import Any
 from agents.process import run
 from agents.robot import Robot
 from bus.session import local_endpoint
+from deploy.processes.fleet import Fleet
 from deploy.processes.launcher import Launcher
 from deploy.processes.supervisor import Supervisor
 from deploy.run_folder.writer import RunFolder
@@ -36,19 +37,19 @@ def failing_robot(config: Any, login: Any) -> None:
     run(config, login)
 
 
-class FailingLauncher(Launcher):
-    def _start_node(self, supervisor: Supervisor, node: int) -> None:
+class FailingFleet(Fleet):
+    def start(self, supervisor: Supervisor, node: int) -> None:
         if node == 2:
             supervisor.start("robot/2", failing_robot, self._scenario.robot_config(2), self._logins["robot-2"])
         else:
-            super()._start_node(supervisor, node)
+            super().start(supervisor, node)
 
 
 def main() -> int:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0})
     with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as place:
-        endpoint = local_endpoint(Path(place), 3)
-        outcome = FailingLauncher(scenario, folder, endpoint, Silence(), record=False).run()
+        fleet = FailingFleet(scenario, folder.path, local_endpoint(Path(place), 3), record=False)
+        outcome = Launcher(fleet, folder, Silence()).run()
     print(*outcome.failures, sep="\n")
     return outcome.exit_status
 

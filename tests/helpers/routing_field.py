@@ -27,6 +27,29 @@ def power_dbm(distance_m: float) -> float:
     return -40.0 - 30.0 * math.log10(max(distance_m, 0.01))
 
 
+Entries = dict[int, dict[int, tuple[int, int]]]
+"""(freshness, next hop) by destination, of each node"""
+
+
+def entries_of(routers: dict[int, Router], tick: int) -> Entries:
+    """Tables of those who took part in `tick`; a new incarnation that is still silent passes nothing on."""
+    tables = {node: router.table for node, router in routers.items() if tick >= router.quiet_until}
+    return {k: {dst: (t.freshness(dst), t.next_hop_to(dst)) for dst in t.known} for k, t in tables.items()}
+
+
+def stale_hops(before: Entries, after: Entries) -> list[tuple[int, int]]:
+    """(node, destination) of each frame that a next hop would pass on by an entry no fresher than the sender's.
+
+    A frame that is sent in a tick (`before`) is passed on in the next one (`after`), if the next hop takes part.
+    """
+    return [
+        (node, dst)
+        for node, table in before.items()
+        for dst, (freshness, next_hop) in table.items()
+        if next_hop in after and after[next_hop].get(dst, (-1, NOBODY))[0] <= freshness
+    ]
+
+
 class Field:
     """Node 0 is the MS and stays; the others move, pause and restart."""
 
@@ -39,13 +62,15 @@ class Field:
         self.incarnation = dict.fromkeys(range(nodes), 0)
         self.paused_until = dict.fromkeys(range(nodes), 0)
         self.routers = {k: self._router(k) for k in range(nodes)}
+        self.taking_part: list[int] = []
+        """Who took part in the last tick. Only they passed frames on, so nobody else is on a frame's way."""
         self.inboxes: dict[int, list[Reception]] = {k: [] for k in range(nodes)}
 
     def _router(self, node: int) -> Router:
         incarnation = self.incarnation[node]
-        quiet_until = self.tick + 11 if incarnation else self.tick
+        config = router_config(node)
         rng = random.Random(f"{self.rng.random()}/{node}/{incarnation}")
-        return Router(router_config(node), rng, quiet_until)
+        return Router(config, rng, config.rules.routing.quiet_until(incarnation, self.tick))
 
     @property
     def present(self) -> list[int]:
@@ -67,17 +92,24 @@ class Field:
         self.inboxes[node] = []
 
     def pause(self, node: int, ticks: int) -> None:
+        """Absent from the next tick on, whose step it still takes, unheard, as a process that is stopped does."""
+        if node in self.present:
+            self._take_step(node)
         self.paused_until[node] = self.tick + ticks
+
+    def _take_step(self, node: int) -> None:
+        router = self.routers[node]
+        router.step(self.tick, self.inboxes[node])
+        router.table.check_invariants()
+        router.announce_self(self.tick, self.places[node], Cls.SR, self.places[node])
 
     def step(self) -> None:
         """One tick: everybody present absorbs, announces itself, and is heard at the next tick."""
         heard: dict[int, list[Reception]] = {k: [] for k in self.routers}
-        present = self.present
+        present = self.taking_part = self.present
         for k in present:
+            self._take_step(k)
             router = self.routers[k]
-            router.step(self.tick, self.inboxes[k])
-            router.table.check_invariants()
-            router.announce_self(self.tick, self.places[k], Cls.SR, self.places[k])
             if self.tick < router.quiet_until:
                 continue
             update = Update(router.ms.nms, NOBODY, 0, router.table.advertised(), b"").encode()
@@ -91,14 +123,17 @@ class Field:
     def next_hop(self, node: int, dst: int) -> int:
         return self.routers[node].table.next_hop_to(dst)
 
+    def entries(self) -> Entries:
+        return entries_of({k: self.routers[k] for k in self.taking_part}, self.tick - 1)
+
     def loops(self) -> list[tuple[int, int]]:
-        """(node, destination) from which following next hops of present nodes returns to a node."""
+        """(node, destination) from which following next hops of who took part returns to a node."""
         found = []
-        present = set(self.present)
+        taking_part = set(self.taking_part)
         for dst in self.routers:
-            for node in present - {dst}:
+            for node in taking_part - {dst}:
                 seen, here = {node}, self.next_hop(node, dst)
-                while here != NOBODY and here != dst and here in present:
+                while here != NOBODY and here != dst and here in taking_part:
                     if here in seen:
                         found.append((node, dst))
                         break

@@ -94,13 +94,14 @@ class StationSpeaker(Speaker):
 def robot_process(node: int, login: Login, good: bool, log: str) -> None:
     _into(log)
     agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
-    agents.process.run(SimpleNamespace(node=node, seed=1, policy="vds"), login)  # type: ignore[arg-type]
+    config = SimpleNamespace(node=node, seed=1, policy="vds", lidar_beams=Lidar().beams, robots=9)
+    agents.process.run(config, login)  # type: ignore[arg-type]
 
 
 def station_process(login: Login, out: str, log: str) -> None:
     _into(log)
     monitor_station.process.Station = StationSpeaker  # type: ignore[attr-defined,misc,assignment]
-    config = SimpleNamespace(node=SimpleNamespace(node=STATION, seed=1, geometry=GRID))
+    config = SimpleNamespace(node=SimpleNamespace(node=STATION, seed=1, geometry=GRID, robots=9))
     monitor_station.process.run(config, login, None, Path(out))  # type: ignore[arg-type]
 
 
@@ -148,6 +149,7 @@ class SmallRun:
                 "top_speed_m_s": 0.5,
                 "duration_s": 1e6,
                 "lidar": Lidar(interval_ticks=10**6),
+                "cell_names": ("all",),
             }
             | config
         )

@@ -6,27 +6,28 @@ from array import array
 
 from agents.forwarding_table import ROW, ForwardingTable
 from bus.codec import WireError
-from world.terms import MAX_NODE, NOBODY, STATION, Cls
-
-_BAD_ROW = "number and metric disagree (odd means infinite), or there is no such node or number"
+from world.terms import NOBODY, STATION, Cls
 
 
-def _possible(freshness: int) -> bool:
-    """Odd numbers are infinite, even ones are not, and none is out of reach."""
-    return (freshness & 256 == 0) == (freshness & 255 > 0) and freshness < 1 << 62
+def _possible(dst: int, freshness: int, sender: int, tick: int) -> bool:
+    """agents/limits.py."""
+    seqno, hop = freshness >> 8, 255 - (freshness & 255)
+    if hop == 255:
+        return seqno % 2 == 1 and seqno // 2 < tick and dst != sender
+    return seqno % 2 == 0 and seqno // 2 + hop < tick and (hop == 0) == (dst == sender)
 
 
 class OracleTable(ForwardingTable):
     """A table that uses no compiled loop."""
 
-    def merge(self, sender: int, rows: bytes, before: array[int], sticky: int) -> int:
+    def merge(self, sender: int, rows: bytes, before: array[int], sticky: int, tick: int) -> int:
         about_sticky = -1
         if len(rows) % ROW.size:
             raise WireError("not a run of rows")
         for dst, freshness, inherent in ROW.iter_unpack(rows):
+            if dst > self._robots or not _possible(dst, freshness, sender, tick):
+                raise WireError("a row with a node, number or metric that can't be")
             if dst == sticky:
-                if not _possible(freshness):
-                    raise WireError(_BAD_ROW)
                 about_sticky = freshness
                 continue
             # One hop more than the neighbor's own; an infinite metric stays what it is.
@@ -36,8 +37,6 @@ class OracleTable(ForwardingTable):
                 continue
             if offered == present and (dst >= len(before) or before[dst] != sender):
                 continue
-            if not _possible(offered) or dst > MAX_NODE:
-                raise WireError(_BAD_ROW)
             self.set_route(dst, offered, sender)
             self._inherent[dst * 18 : (dst + 1) * 18] = inherent
         if sender != STATION and self.freshness(sender) < 0:

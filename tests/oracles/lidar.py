@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from world.geometry import pad
 from world.grid import GridGeometry
+from world.grid.lines import pad
 
 
 def cast(

@@ -1,4 +1,4 @@
-"""Walls on segments, all segments at once: the oracle of world/_lines.pyx."""
+"""Walls on segments, all segments at once: the oracle of world/grid/_lines.pyx."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from world.grid import GridGeometry
 def walls_crossed(
     occupied: NDArray[np.bool_], geometry: GridGeometry, a_xy: NDArray[np.float64], b_xy: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """As world.geometry.walls_crossed."""
+    """As world.grid.lines.walls_crossed."""
     if len(a_xy) == 0:
         return np.zeros(0, np.int64)
     origin = (geometry.x0_m, geometry.y0_m)

@@ -29,8 +29,8 @@ from tests.oracles import lines as oracle_lines
 from tests.oracles import planner as oracle_planner
 from tests.oracles.forwarding_table import OracleTable
 from tests.oracles.own_map import OracleMap
-from world.geometry import line_of_sight, walls_crossed
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from world.grid.lines import line_of_sight, walls_crossed
 from world.lidar import Caster
 from world.terms import NOBODY
 
@@ -144,12 +144,13 @@ def fill(table: ForwardingTable, seed: int) -> tuple[array[int], bytes]:
     rows = []
     for dst in [3, *rng.sample(range(12), 8)]:
         finite = rng.random() < 0.8
-        freshness = freshness_of(2 * rng.randrange(4), rng.randrange(5)) if finite else (2 * rng.randrange(4) + 1) << 8
+        hop = rng.randrange(1, 5) if dst != 3 or rng.random() < 0.02 else 0
+        freshness = freshness_of(2 * rng.randrange(4), hop) if finite else (2 * rng.randrange(4) + 1) << 8
         if rng.random() < 0.02:
             freshness ^= 256
         if rng.random() < 0.02:
-            freshness += 255 << 56
-        rows.append(ROW.pack(dst if rng.random() > 0.01 else 40_000, freshness, rng.randbytes(18)))
+            freshness += rng.choice([255 << 56, 4 << 9])
+        rows.append(ROW.pack(dst if rng.random() > 0.01 else rng.choice([12, 40_000]), freshness, rng.randbytes(18)))
     rows.append(rng.choice(rows))
     before = array("h", [rng.choice([2, 3, NOBODY]) for _ in range(rng.choice([9, 12]))])
     return before, b"".join(rows)[: None if rng.random() > 0.02 else -1]
@@ -159,10 +160,10 @@ def fill(table: ForwardingTable, seed: int) -> tuple[array[int], bytes]:
 @given(st.integers(0, 1 << 30), st.sampled_from([0, NOBODY]))
 def test_merged_tables(seed: int, sticky: int) -> None:
     outcomes = []
-    for table in (ForwardingTable(1), OracleTable(1)):
+    for table in (ForwardingTable(1, 11), OracleTable(1, 11)):
         before, rows = fill(table, seed)
         try:
-            outcome: object = table.merge(3, rows, before, sticky)
+            outcome: object = table.merge(3, rows, before, sticky, 8)
         except WireError as error:
             outcome = str(error)
         hops = [table.next_hop_to(dst) for dst in table.known]

@@ -116,6 +116,13 @@ def test_the_station_is_restarted(emulation: Start) -> None:
     assert verdict["scan_reports"]["delayed"] > 0
 
 
+def test_of_two_faults_in_one_tick_each_has_its_own_verdict(emulation: Start) -> None:
+    run = emulation(CORRIDOR, faults=["kill:2@3", "kill:3@3"], duration_s=6.0)
+    assert [run.recovery(of=f"kill:{robot}@3")["robot"] for robot in (3, 2)] == [3, 2]
+    with pytest.raises(EmulationError, match="no verdict on kill:4@3; there are: kill:2@3, kill:3@3"):
+        run.recovery(of="kill:4@3")
+
+
 # By hand
 
 

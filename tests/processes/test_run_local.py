@@ -122,7 +122,8 @@ def test_the_router_is_a_socket_or_a_port_and_nothing_of_it_stays(tmp_path: Path
 
 @pytest.mark.parametrize("script", [["run_local.py", "--robots", "9"], ["ctl.py", "status"], ["study.py", "fig6"]])
 def test_without_its_dependencies_it_says_how_to_get_them(script: list[str], tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "deploy", tmp_path / "deploy", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("bus", "deploy"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     bare = [sys.executable, "-S", "-I", str(tmp_path / "deploy" / script[0]), *script[1:]]
     ended = subprocess.run(bare, capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)

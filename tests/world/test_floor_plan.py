@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from world.floor_plan import connected_parts, from_rectangles, reachable
-from world.grid import MAX_CELLS, GridGeometry, check_grid
+from world.grid.floor_plan import connected_parts, from_rectangles, reachable
+from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
 
 def test_rectangles_carve_and_walls_go_back() -> None:

@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from world.geometry import line_of_sight, walls_crossed
 from world.grid import GridGeometry
+from world.grid.lines import line_of_sight, walls_crossed
 from world.lidar import Caster, cast
 
 GEOMETRY = GridGeometry(20, 24, 0.5, -3.0, 7.0)

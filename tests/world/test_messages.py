@@ -36,23 +36,32 @@ def column(
     return arrays(dtype, (n,) if columns is None else (n, columns), elements=elements)
 
 
-statuses = st.builds(
-    Status, st.integers(0, 1), st.integers(-1, 99), st.integers(-1, 99), st.integers(-1, 99), st.integers(0, 255),
-    st.integers(0, 4), coordinate, coordinate, count, count, count,
-)  # fmt: skip
+def status_of(made: int) -> st.SearchStrategy[Status]:
+    """Of a robot that made so many reports, of which it buffers some."""
+    return st.builds(
+        Status, st.integers(0, 1), st.integers(-1, 99), st.integers(-1, 99), st.integers(-1, 99), st.integers(0, 255),
+        st.integers(0, 4), coordinate, coordinate, st.just(made), st.integers(0, made), count,
+    )  # fmt: skip
+
+
+ids = arrays(np.int16, (4,), elements=st.integers(0, 100), unique=True).map(np.sort)
+"""Ascending, as nodes of a roster and destinations of a table are."""
+robots = st.just(np.arange(1, 5, dtype=np.int16))
+statuses = count.flatmap(status_of)
 MESSAGES: list[st.SearchStrategy[Any]] = [
     st.builds(Sense, tick, st.booleans(), node, coordinate, coordinate, st.none() | column(np.float64), places),
     st.builds(Motion, tick, coordinate, coordinate, statuses),
     st.builds(Report, tick, st.booleans(), st.lists(st.floats(0, 1)).map(tuple), count, st.lists(node).map(tuple)),
     st.builds(
-        Positions, tick, column(np.int16), column(np.float64, columns=2),
+        Positions, tick, ids, column(np.float64, columns=2),
         st.lists(st.builds(Jam, region_m=region) | st.builds(Jam, pair=pair), max_size=2).map(tuple), st.floats(0, 1),
     ),
     st.builds(Departed, tick, node),
     st.builds(Stop, tick, st.sampled_from(["searched", "time_limit"])),
     st.builds(
-        Snapshot, tick, column(np.int16), column(np.uint8), column(np.float64, columns=2), column(np.uint8),
-        column(np.uint8), column(np.uint8), column(np.int16), column(np.int16), column(np.float64, columns=2), count,
+        Snapshot, tick, robots, column(np.uint8, 0, 1), column(np.float64, columns=2), column(np.uint8, 0, 1),
+        column(np.uint8, 0, 4), column(np.uint8), column(np.int16, -1, 4), column(np.int16, -1, 4),
+        column(np.float64, columns=2), count,
         st.lists(st.floats(0, 1)).map(tuple), count, st.lists(node).map(tuple),
     ),
     st.builds(Event, tick, st.just("fault"), node, st.text(), st.dictionaries(st.text(), st.integers(-9, 9))),
@@ -67,8 +76,8 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
     ),
     st.builds(MapChunk, count, column(np.uint32), column(np.int8, 0, 1)),
     st.builds(
-        Table, tick, node, st.integers(-1, 99), column(np.int16), column(np.int16), column(np.uint8),
-        column(np.float32, columns=2), column(np.uint8), column(np.uint8),
+        Table, tick, node, st.integers(-1, 99), ids, column(np.int16, -1), column(np.uint8),
+        column(np.float32, columns=2), column(np.uint8, 0, 1), column(np.uint8, 0, 1),
     ),
 ]  # fmt: skip
 FIXED = Sense | Motion | Inbox

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ast
 import itertools
-from pathlib import Path
 
 import pytest
 
-import world
+from tests import ROOT
 from world.seeds import Stream, counted, link_uniforms, node_stream, sequence
 
-ROOT = Path(world.__file__).resolve().parent.parent
 PACKAGES = ("agents", "world", "medium", "monitor_station", "deploy")
 SEQUENCES = (Stream.CHOICE, Stream.LOSS, Stream.STARTS, Stream.VICTIMS)
 COUNTED = (Stream.LIDAR, Stream.POSE)

@@ -191,7 +191,7 @@ def test_a_fault_by_hand_acts_at_the_next_tick_and_is_logged_for_replay() -> Non
     run.world.inject(Fault("restart", 0.0, "relay:first", 1.0))
     run.until(30)
     form = {"verb": "restart", "at_s": 1.3, "target": "1", "for_s": 1.0}
-    assert run.faults[0].data == form
+    assert run.faults[0].data == form | {"asked": "restart:relay:first@1.3+1"}
     assert run.world.final()["faults"] == [form]
     assert run.world.final()["wall_clock_faults"] == 1
     assert run.present_at(1) == [*range(13), *range(23, 31)]

@@ -20,7 +20,7 @@ FARTHEST_M: Final = 20_000.0
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
-    """Where a grid lies: everybody who shares a map agrees on it before the run."""
+    """Where a grid lies. All who share a map agree on it before the run."""
 
     rows: int
     cols: int
@@ -30,16 +30,27 @@ class GridGeometry:
     y0_m: float = 0.0
 
     def __reduce__(self) -> tuple[type[GridGeometry], tuple[int, int, float, float, float]]:
-        """Travel to another process: compiled classes do not by themselves."""
+        """Make it picklable, which compiled classes are not by themselves."""
         return GridGeometry, (self.rows, self.cols, self.resolution_m, self.x0_m, self.y0_m)
 
     @property
     def size(self) -> int:
         return self.rows * self.cols
 
+    def blank(self, free_m: tuple[float, float, float, float]) -> NDArray[np.int8]:
+        """(size,) cells of a map that knows nothing but that a rectangle is free: x0, y0, x1, y1."""
+        cells: NDArray[np.int8] = np.full(self.size, UNKNOWN, np.int8)
+        cells[self.rectangle(*free_m)] = FREE
+        return cells
+
     def holds(self, cells: NDArray[np.uint32]) -> bool:
         """Whether all of these flat indices are cells."""
         return not cells.size or int(cells.max()) < self.size
+
+    def covers(self, x_m: float, y_m: float) -> bool:
+        """Whether a place lies on the grid."""
+        x1_m, y1_m = self.x0_m + self.cols * self.resolution_m, self.y0_m + self.rows * self.resolution_m
+        return self.x0_m <= x_m <= x1_m and self.y0_m <= y_m <= y1_m
 
     def index(self, x_m: float, y_m: float) -> int:
         """Flat index of the cell that holds a point; points outside are clamped to the border cells."""
@@ -72,7 +83,7 @@ class GridGeometry:
 
 
 def check_grid(rows: int, cols: int, resolution_m: float, x0_m: float = 0.0, y0_m: float = 0.0) -> GridGeometry:
-    """The geometry, if a run can have it: asked before anything of that size is made.
+    """The geometry, if a run can have it; to be called before anything of that size is made.
 
     Raises:
         ValueError: it has no cells or too many, they are too small, or it lies too far away.

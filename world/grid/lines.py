@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from world import _lines
-from world.grid import GridGeometry
+from world.grid import _lines
+from world.grid.geometry import GridGeometry
 
 __all__ = ["line_of_sight", "pad", "walls_crossed"]
 

@@ -1,5 +1,5 @@
 # cython: language_level=3
-"""Walls on segments: the loop of `world.geometry`.
+"""Walls on segments: the loop of `world.grid.lines`.
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
 `-march`; setup.py). Cells beyond the grid are clamped to it.
@@ -72,4 +72,4 @@ def walls_crossed(
     return out
 
 
-include "../bus/built.pxi"
+include "../../bus/built.pxi"

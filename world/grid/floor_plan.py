@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from world.grid import MAX_CELLS, GridGeometry, check_grid
+from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
 __all__ = ["clearance", "connected_parts", "from_rectangles", "reachable"]
 

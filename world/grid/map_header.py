@@ -15,8 +15,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, check_grid
-from world.user_file import read_text, shown
+from bus.excerpt import shown
+from world.grid.geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry, check_grid
+from world.user_file import read_text
 
 __all__ = ["FREE_THRESH", "OCCUPIED_THRESH", "MapHeader", "read_header"]
 

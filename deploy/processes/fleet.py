@@ -1,0 +1,97 @@
+"""The processes of one run: which there are, what each is told, and as whom it logs in."""
+
+from __future__ import annotations
+
+import dataclasses
+import uuid
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from bus.access import Login, credentials, users_of
+from bus.keys import check_run
+from bus.nodes import process_name, user_name
+from deploy.processes.entry import PRELOAD, run_medium, run_robot, run_station, run_world
+from deploy.processes.processors import places, shared
+from deploy.processes.supervisor import Supervisor
+from world.terms import STATION
+
+if TYPE_CHECKING:
+    from deploy.scenario import Scenario
+
+__all__ = ["Fleet"]
+
+
+class Fleet:
+    """The processes of one scenario: world, medium, and one for each node."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        out: Path,
+        endpoint: str,
+        *,
+        record: bool = True,
+        live_port: int | None = None,
+        held: bool = False,
+        plain_scheduling: bool = False,
+    ) -> None:
+        """Make up logins and the run's name; nothing starts yet.
+
+        Args:
+            scenario: what to run.
+            out: run folder.
+            endpoint: of the router.
+            record: leave a recording.
+            live_port: serve the recording to viewers on this port, too.
+            held: begin held, as by the operator's `hold`.
+            plain_scheduling: leave it to the kernel where processes run.
+        """
+        self._scenario = scenario
+        self._out = out
+        self._run = _run_name(out)
+        self._logins = credentials(self._run, endpoint, scenario.robots)
+        self._world = dataclasses.replace(scenario.world_config(), held=held)
+        self._recorder = None
+        if record:
+            # Of one run, whichever process of the station records a part of it.
+            self._recorder = dataclasses.replace(scenario.recorder_config(self._run), recording_id=str(uuid.uuid4()))
+        self._live_port = live_port
+        nodes = [process_name(node) for node in range(scenario.robots + 1)]
+        processors = () if plain_scheduling else shared(len(nodes) + len(("world", "medium")))
+        self._places = places(processors, nodes)
+
+    @property
+    def operator(self) -> Login:
+        """As whom the launcher, and whoever else gives orders, logs in."""
+        return self._logins["operator"]
+
+    @property
+    def last_node(self) -> int:
+        return self._scenario.robots
+
+    def supervisor(self, held: IO[bytes]) -> Supervisor:
+        """A supervisor for these processes, none of which has started. Each holds a file open until it ends."""
+        return Supervisor(self._run, self._out / "logs", PRELOAD, self._places, held)
+
+    def start_all_but_last(self, supervisor: Supervisor) -> None:
+        """Start medium, world, and all nodes but `last_node`, without which the world does not begin."""
+        users = users_of(self._logins)
+        supervisor.start("medium", run_medium, self._scenario.medium_config(), self._logins["medium"], users)
+        supervisor.start("world", run_world, self._world, self._logins["world"])
+        for node in range(self.last_node):
+            self.start(supervisor, node)
+
+    def start(self, supervisor: Supervisor, node: int) -> None:
+        """Start the process of a node."""
+        name, login = process_name(node), self._logins[user_name(node)]
+        if node == STATION:
+            station = self._scenario.station_config()
+            supervisor.start(name, run_station, station, login, self._recorder, self._out, self._live_port)
+        else:
+            supervisor.start(name, run_robot, self._scenario.robot_config(node), login)
+
+
+def _run_name(folder: Path) -> str:
+    """A run's name as a key chunk, after its folder."""
+    name = "".join("-" if c in "/*$?#@" or c.isspace() or not c.isprintable() else c for c in folder.resolve().name)
+    return check_run(name or "run")

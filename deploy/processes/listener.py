@@ -1,0 +1,76 @@
+"""What a run tells its launcher: kept in the run folder, shown to the view; orders and last counts are handed on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from bus.codec import WireError, unpack_map
+from bus.keys import Keys
+from bus.phases import decode_phases
+from bus.session import Mailbox, Session
+from deploy.run_folder.writer import RunFolder
+from world.feed import Event, Signal, unpack_feed
+
+if TYPE_CHECKING:
+    from deploy.screen.view import View
+
+__all__ = ["Listener"]
+
+
+class Listener:
+    """Reads messages in the order in which they come in."""
+
+    def __init__(self, folder: RunFolder, view: View, last_node: int, wake: Callable[[], None]) -> None:
+        """Nobody is listened to yet.
+
+        Args:
+            folder: keeps what is told.
+            view: shows it.
+            last_node: the highest node of the run.
+            wake: called, from a thread of the bus, whenever a message has come in.
+        """
+        self._folder = folder
+        self._view = view
+        self._last_node = last_node
+        self._mailbox = Mailbox(wake)
+        self.finals: dict[str, dict[str, Any]] = {}
+        """Last counts of `world`, `medium` and `station` by name, as far as they have come in; and `phases`."""
+
+    def listen(self, session: Session) -> None:
+        """Subscribe to all that is meant for a launcher."""
+        keys = session.keys
+        session.subscribe(self._mailbox, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*"))
+
+    def take(self) -> list[Signal]:
+        """Read what has come in; returns the signals that the world asks for."""
+        orders: list[Signal] = []
+        while (message := self._mailbox.get(0.0)) is not None:
+            key, payload = message
+            kind, process = Keys.kind_of(key)
+            try:
+                self._receive(kind, process, payload or b"", orders)
+            except WireError as error:
+                self._view.line(f"dropped a malformed {kind}: {error}")
+        return orders
+
+    def _receive(self, kind: str, process: str, payload: bytes, orders: list[Signal]) -> None:
+        if kind == "feed":
+            for snapshot in unpack_feed(payload):
+                self._folder.snapshot(snapshot)
+                self._view.snapshot(snapshot)
+        elif kind == "event":
+            event = Event.decode(payload)
+            self._folder.event(event)
+            self._view.event(event)
+        elif kind == "signal":
+            order = Signal.decode(payload)
+            if order.node > self._last_node:
+                raise WireError("a signal for a node that there is not")
+            orders.append(order)
+        elif kind == "phases":
+            phases = self.finals.setdefault("phases", {})
+            phases[process] = decode_phases(payload)
+            self._view.phases(phases)
+        elif kind == "final":
+            self.finals[process] = unpack_map(payload)

@@ -1,0 +1,43 @@
+"""Three short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
+
+A digest changes only in a commit of its own that says why.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, Final
+
+from deploy.scenario import load
+from deploy.simulation import Simulation
+
+MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
+    "vds": ("three_cells", {"robots": 9, "duration_s": 120.0, "seed": 1}),
+    "scout behind walls": (
+        "three_cells",
+        {"robots": 12, "radius_m": 15.0, "policy": "scout", "radio.model": "disk_los", "duration_s": 120.0, "seed": 2},
+    ),
+    "noise and losses": (
+        "office_floor",
+        {
+            "radio.model": "log_distance", "radio.shadowing_db": 3.0, "radio.loss": 0.05, "lidar.noise_m": 0.02,
+            "duration_s": 60.0, "seed": 3, "fault": ["kill:random@20", "restart:2@30+5", "pause:3@40+4"],
+        },
+    ),
+}  # fmt: skip
+DIGESTS: Final = {
+    "vds": "cf3d88415520caf5a3c1038c6f9d88e5ebd539c89b67326f9088eeaa8cea3c08",
+    "scout behind walls": "9f9cb5ed742d7e168fea5e947443982946ac4a7a6ab289a95b017ca4f7e24b54",
+    "noise and losses": "ea2cc2ccb24d72ecd9ab62a10dca91b29fb1c8878deb27a2e9f885623e5d97c6",
+}
+
+
+def digest(name: str) -> str:
+    """Trace digest of one of the missions."""
+    scenario, overrides = MISSIONS[name]
+    return Simulation(load(scenario, overrides)).run().trace_sha256
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or MISSIONS:
+        print(digest(name))
