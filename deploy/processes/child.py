@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import connection, reduction
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from setproctitle import setproctitle
 
@@ -32,17 +32,17 @@ _PR_SET_PDEATHSIG: Final = 1
 
 
 class Held:
-    """A file descriptor of the launcher's that a child gets with its arguments, and holds open until it ends."""
+    """A file of the launcher's that a child gets with its arguments, and holds open until it ends."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Held._arrived, (reduction.DupFd(self._descriptor),)
+        return Held._arrived, (reduction.DupFd(self._file.fileno()),)
 
     @classmethod
     def _arrived(cls, sent: Any) -> Held:
-        return cls(sent.detach())
+        return cls(os.fdopen(sent.detach(), "rb"))
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class Supervisor:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
         self._places = places
-        self._held = None if held is None else Held(held.fileno())
+        self._held = None if held is None else Held(held)
         self._living: dict[str, BaseProcess] = {}
         self._words: dict[str, connection.Connection] = {}
         """By process: where its last words arrive."""
@@ -216,6 +216,10 @@ def _last_words(heard: connection.Connection) -> str:
 def _start_fork_server() -> None:
     """Start the fork server, with one BLAS thread for each of its children, and deaf to what a whole group is sent."""
     os.environ.update(_ONE_THREAD)
+    try:
+        os.getcwd()  # noqa: PTH109  # multiprocessing asks in these words
+    except FileNotFoundError:  # it was deleted, so no relative path leads anywhere: any other folder will do
+        os.chdir("/")
     # Python 3.11's fork server does not take over sys.path, so a package that is not installed must be named.
     root = str(Path(__file__).resolve().parent.parent.parent)
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)

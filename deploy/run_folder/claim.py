@@ -82,7 +82,9 @@ class Claim:
                 raise
 
     def release(self) -> None:
-        """Let another run have the folder."""
+        """Let another run have the folder, as soon as no process holds it any more."""
+        if not self.lock.closed:
+            self.lock.truncate(0)
         self.lock.close()
 
     def undo(self) -> None:

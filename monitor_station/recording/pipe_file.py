@@ -15,8 +15,8 @@ from world.growing_file import GrowingFile
 
 __all__ = ["PipeFile"]
 
-_AT_ONCE: Final = 1 << 16
-"""Bytes that a pipe holds."""
+_AT_ONCE: Final = 1 << 14
+"""Bytes that are written at a time. On a disk that is full the last of them are given back: room for a summary."""
 
 
 class PipeFile:
