@@ -1,1 +1,1 @@
-"""Scenarios, and what launches them."""
+"""Scenarios, the processes of a run, studies and reports; the commands."""

@@ -1,8 +1,8 @@
 """What the commands run_local, ctl, study and report share: their parser, their one-line refusals, and their Python.
 
-A command is a script that any Python may start, with or without the packages that it needs. So it imports nothing of
-ours before it has put the checkout in the place of its own folder on the path, where the files of this package would
-be found as modules of other names:
+A command is a script. Any Python may start it, even one without the packages that it needs. Python puts the script's
+folder on the path, where the files of this package would be modules of other names. So a command replaces that folder
+by the checkout before it imports anything of ours:
 
     if __name__ == "__main__":
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
@@ -23,9 +23,10 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from bus.excerpt import shown
-from deploy.screen.outlet import keep_writing, lost
+from deploy.machine.interrupts import SIGNALS
+from deploy.machine.outlet import keep_writing, lost
 
-__all__ = ["INTERRUPTED", "ROOT", "SIGNALS", "Parser", "entry", "refuse", "require"]
+__all__ = ["INTERRUPTED", "ROOT", "Parser", "entry", "refuse", "require"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 """The checkout."""
@@ -38,12 +39,10 @@ NEEDED: Final = (
 
 INTERRUPTED: Final = 130
 """Exit status of a command that was interrupted before it came to a result."""
-SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""By which a user, a batch system or the end of a terminal asks a command to end."""
 
 
 _LONGEST: Final = 600
-"""Characters of what is wrong with a command."""
+"""Longest refusal in characters."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -90,7 +89,7 @@ def refuse(script: str, problem: object) -> int:
 
 
 def require(script: Path, also: Sequence[str] = ()) -> None:
-    """Return if all that the project needs is there; else go on in the project's Python, or exit with status 2.
+    """Return if this Python has all that the project needs; else go on in the project's own, or exit with status 2.
 
     Args:
         script: the command that is running.

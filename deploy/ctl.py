@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def question(words: list[str]) -> str:
-    """What the world is asked: faults in the form that the command line of a run has, at a time that is now."""
+    """The command in the world's form: a fault as `run_local.py --fault` takes it, at time 0, which means now."""
     match words:
         case ["kill", target]:
             return f"fault kill:{target}@0"
@@ -69,11 +69,11 @@ def question(words: list[str]) -> str:
             return " ".join(words)
 
 
-def newest_run(places: list[Path]) -> Path | None:
-    """The run folder of the youngest run that is under way."""
+def newest_run(folders: list[Path]) -> Path | None:
+    """The run folder of the newest run that is under way."""
     from deploy.processes.operator_file import OPERATOR, living_launcher
 
-    found = [file for place in places for file in place.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
+    found = [file for folder in folders for file in folder.glob(f"*/{OPERATOR}") if living_launcher(file.parent)]
     return max(found, key=lambda file: file.stat().st_mtime).parent if found else None
 
 

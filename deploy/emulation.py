@@ -1,7 +1,8 @@
-"""A run of real processes in the hands of a program: started, watched, struck by hand, and asked for its verdicts.
+"""A run of real processes that a program starts, watches, injects faults into, and asks for verdicts.
 
-The run is `deploy/run_local.py` in a process of its own, begun held until its owner listens, so nothing is missed. It
-ends with its owner, however that one dies. `deploy/testing.py` makes a pytest fixture of it.
+The run is `deploy/run_local.py` in a process of its own. It begins held and goes on once its owner listens, so the
+owner misses nothing. It ends with its owner, even one that is killed.
+`deploy/testing.py` makes a pytest fixture of it.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from bus.excerpt import shown
 from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
-from deploy.json_file import read_table
+from deploy.json_file import read_object
+from deploy.machine.scratch import Scratch
 from deploy.processes.operator_file import read_operator
-from deploy.processes.scratch import Scratch
 from deploy.run_folder.verdicts import verdict_on
 from deploy.scenario import load
 from world.feed import Event, Snapshot, unpack_feed
@@ -40,7 +41,7 @@ _SLICE_S: Final = 0.05
 
 
 class EmulationError(AssertionError):
-    """The run failed, or something did not happen in time: in a test, a failure."""
+    """The run failed, or something did not happen in time. In a test this is a failure."""
 
 
 class Emulation:
@@ -55,7 +56,7 @@ class Emulation:
         record: bool = False,
         **overrides: Any,
     ) -> None:
-        """Start a run; some of its first ticks are over when this returns, and none of them was missed.
+        """Start a run. When this returns, its first ticks are over, and their snapshots are here.
 
         Args:
             scenario: name of a scenario, path of a .toml file, or of a map's .yaml file.
@@ -76,9 +77,9 @@ class Emulation:
         self.scenario = load(scenario, values)
         self.folder = folder
         self.events: list[Event] = []
-        """All so far."""
+        """All events so far."""
         self.snapshots: list[Snapshot] = []
-        """All so far, one per tick."""
+        """All snapshots so far, one per tick."""
         self._scratch = Scratch()
         resolved = self._scratch.path / "asked.toml"
         resolved.write_text(self.scenario.to_toml(), encoding="utf-8")
@@ -105,7 +106,7 @@ class Emulation:
 
     @property
     def snapshot(self) -> Snapshot | None:
-        """The latest one, or None before the first."""
+        """The latest snapshot; None before the first."""
         self._take_in(0.0)
         return self.snapshots[-1] if self.snapshots else None
 
@@ -119,18 +120,18 @@ class Emulation:
     def pids(self) -> dict[str, int]:
         """Process ids by name: launcher, world, medium, station, robot/1, ..."""
         file = self.folder / "pids.json"
-        return read_table(file) if file.exists() else {}
+        return read_object(file) if file.exists() else {}
 
     @property
     def over(self) -> bool:
-        """The launcher has ended, and with it everybody."""
+        """Whether the launcher has ended, and all processes with it."""
         return self._process.poll() is not None
 
     def wait_until(self, condition: Callable[[], object], timeout_s: float = 60.0) -> None:
-        """Return as soon as `condition()` is true; it is asked whenever news have come in.
+        """Return as soon as `condition()` is true; it is evaluated after each message.
 
         Raises:
-            EmulationError: it did not come true within so much wall time, or before the run was over.
+            EmulationError: it did not become true within `timeout_s` of wall time, or before the run was over.
         """
         deadline = time.monotonic() + timeout_s
         while not condition():
@@ -146,7 +147,7 @@ class Emulation:
                 )
 
     def wait_for(self, simulated_s: float, timeout_s: float = 60.0) -> None:
-        """Wait until so much is simulated."""
+        """Wait until `simulated_s` seconds are simulated."""
         self.wait_until(lambda: self.simulated_s >= simulated_s, timeout_s)
 
     def recovery(self, of: int | str, timeout_s: float = 60.0) -> dict[str, Any]:
@@ -190,7 +191,7 @@ class Emulation:
             self.wait_until(lambda: self.over, 600.0)
             self._take_in(0.0)
             try:
-                self._summary = read_table(self.folder / "summary.json")
+                self._summary = read_object(self.folder / "summary.json")
             except ValueError as error:
                 raise EmulationError(f"the run left no summary: {error}: {self._tail()}") from None
         return self._summary
@@ -231,7 +232,7 @@ class Emulation:
         return self.summary
 
     def close(self) -> None:
-        """End whatever is left."""
+        """End all processes of the run that are left."""
         if self._session is not None:
             self._session.close()
             self._session = None
@@ -271,7 +272,7 @@ class Emulation:
         self.wait_until(lambda: self.snapshots, _START_S)
 
     def _answers(self) -> bool:
-        """All processes are there: the world has been released from waiting and is held now."""
+        """Whether all processes have started, so that the world is held and answers."""
         try:
             return bool(self.pids) and "tick" in self.command("status")
         except EmulationError:

@@ -1,4 +1,4 @@
-"""One run in this one process: the same cores, files and view as with real processes, without a bus."""
+"""One run in this process: the same cores, files and view as with real processes, without a bus."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from deploy.simulation import Observer, Simulation
 from world.grid.map_file import save_map
 
 if TYPE_CHECKING:
-    from deploy.processes.interrupts import Interrupts
+    from deploy.machine.interrupts import Interrupts
     from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
     from deploy.screen.view import View

@@ -1,4 +1,4 @@
-"""JSON files that runs and studies leave: whatever lies at the path, it is a table, or refused in one line."""
+"""JSON files that runs and studies leave. Each holds one object; anything else is refused in one line."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import Any, Final
 from bus.excerpt import shown
 from world.user_file import read_text
 
-__all__ = ["read_table"]
+__all__ = ["read_object"]
 
 _MOST_BYTES: Final = 2**28
 
 
-def read_table(path: Path) -> dict[str, Any]:
-    """The table that a JSON file holds.
+def read_object(path: Path) -> dict[str, Any]:
+    """The object that a JSON file holds.
 
     Raises:
         ValueError: it can't be read, or holds something else.
     """
     text = read_text(path, _MOST_BYTES)
     try:
-        table = json.loads(text)
+        told = json.loads(text)
     except RecursionError:
         raise ValueError(f"{shown(path)}: not JSON: nested too deeply") from None
     except ValueError as error:
         raise ValueError(f"{shown(path)}: not JSON: {shown(error)}") from None
-    if not isinstance(table, dict):
-        raise ValueError(f"{shown(path)}: not a table")
-    return table
+    if not isinstance(told, dict):
+        raise ValueError(f"{shown(path)}: not a JSON object")
+    return told

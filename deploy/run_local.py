@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from deploy.command import Parser
-    from deploy.processes.interrupts import Interrupts
-    from deploy.processes.scratch import Scratch
+    from deploy.machine.interrupts import Interrupts
+    from deploy.machine.scratch import Scratch
     from deploy.run_folder.baseline import Baseline
     from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class BadInputError(Exception):
-    """Something that was asked for can't be; one line for the user."""
+    """The run can't be as the command line asks; one line for the user."""
 
 
 def parser() -> Parser:
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
     from deploy.command import INTERRUPTED, refuse, require
-    from deploy.processes.interrupts import Interrupts, end_with
+    from deploy.machine.interrupts import Interrupts, end_with
 
     interrupts = Interrupts()
     if options.owner is not None:
@@ -152,7 +152,7 @@ def _endpoint(port: int) -> str:
 
 
 def _allow_files(robots: int) -> None:
-    from deploy.processes.limits import LimitError, allow_files
+    from deploy.machine.limits import LimitError, allow_files
 
     try:
         allow_files(robots)
@@ -177,8 +177,8 @@ def _folder(options: argparse.Namespace, scenario: Scenario, baseline: Baseline 
 
 def _scratch(folder: RunFolder) -> Scratch:
     """What must not outlive the run, its operator's password included."""
+    from deploy.machine.scratch import Scratch, ScratchError
     from deploy.processes.operator_file import OPERATOR
-    from deploy.processes.scratch import Scratch, ScratchError
 
     place = folder.path.resolve()
     try:
@@ -239,9 +239,9 @@ def _run_processes(
     interrupts: Interrupts,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
+    from deploy.machine.scratch import home_of_tempfile
     from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
-    from deploy.processes.scratch import home_of_tempfile
     from deploy.screen.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None

@@ -1,7 +1,7 @@
-"""The in-process simulation: the cores of a run driven by plain calls, in the order that the processes keep.
+"""The in-process simulation: plain calls drive the cores of a run, in the same order as processes do.
 
 For the same scenario, faults and seed it gives the same trace digest as the real processes (ARCHITECTURE.md,
-invariant 2), so whatever is learned here holds there.
+invariant 2), so its results hold for them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from world.terms import STATION
 
 @dataclass
 class Observer:
-    """Who watches a run; every callable may be left out."""
+    """Callbacks for what happens in a run; each may be None."""
 
     snapshot: Callable[[Snapshot], None] | None = None
     event: Callable[[Event], None] | None = None
@@ -74,7 +74,7 @@ class Traces:
 
 @dataclass(frozen=True)
 class Result:
-    """Outcome of a run: the final counts of the three judges, and the traces."""
+    """Outcome of a run: last counts of world, medium and station, and the traces."""
 
     finals: dict[str, dict[str, Any]]
     """By process: world, medium, station."""
@@ -83,7 +83,7 @@ class Result:
 
     @property
     def traces(self) -> Traces:
-        """The run as arrays."""
+        """The snapshots as arrays."""
         return Traces.of(self.snapshots)
 
     @property
@@ -156,7 +156,7 @@ class Simulation:
         return told.snapshot, stop is not None
 
     def _step_unheard(self, senses: Mapping[int, Sense]) -> None:
-        """The step that a paused node still takes, as a process that is stopped does."""
+        """The step that a paused node still takes, like a process that is stopped during it."""
         for node, sense in senses.items():
             inbox = None if sense.first else self._inboxes[node]
             if node == STATION:

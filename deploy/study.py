@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Run studies, many runs each, and draw them: `deploy/study.py fig7`, `deploy/study.py PATH.toml --dask HOST:8786`.
+"""Run studies and draw their results: `deploy/study.py fig7`, `deploy/study.py PATH.toml --dask HOST:8786`.
 
-The same command goes on where an interrupted study stopped. Exit status: 0 when every run came to a result, 1 when one
+The same command goes on where an interrupted study stopped. Exit status: 0 when every run has a result, 1 when one
 failed (or `--compare` found a difference), 2 for bad input (one line, before anything starts), 130 when interrupted.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ALSO_NEEDED: Final = ("matplotlib", "pyarrow")
 REPORT: Final = "report"
-"""In place of a study: write docs/results.md and docs/policies.md from what is there."""
+"""Word for the command line, instead of a study: write docs/results.md and docs/policies.md from the results."""
 
 
 def parser() -> Parser:
@@ -103,7 +103,7 @@ def _check(options: argparse.Namespace) -> None:
 def _sampled(points: list[Point], count: int | None) -> list[Point]:
     if count is None or count >= len(points):
         return points
-    # Sorted first: the order of points is about speed, and must not choose.
+    # Sorted first, so that the order of points, which is about speed, does not change the choice.
     chosen = {point.key for point in random.Random(0).sample(sorted(points, key=lambda p: p.key), count)}
     return [point for point in points if point.key in chosen]
 
@@ -133,7 +133,7 @@ def _folder(study: Study, options: argparse.Namespace) -> Path:
 
 
 def _marks(options: argparse.Namespace) -> list[str]:
-    """The options that make other results, or make them otherwise."""
+    """The options that change results or how they are made."""
     return [f"--{word}" for word in ("quick", "processes") if getattr(options, word)]
 
 
@@ -205,12 +205,12 @@ def _bar(console: Console) -> Any:
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[runs]}/{task.fields[of]} runs"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    # Runs take minutes: an estimate over the last seconds would know nothing.
+    # Runs take minutes, so the estimate needs a long period.
     return Progress(*columns, console=console, speed_estimate_period=3600.0)
 
 
 def _note(results: Results, options: argparse.Namespace, wall_s: float, runs: int) -> None:
-    """Keep how the results came about; a resumed study adds up."""
+    """Write down how the results were made; a resumed study adds up."""
     before = results.noted()
     results.note({
         "command": shlex.join(["deploy/study.py", *options.study, *_marks(options)]),
@@ -222,7 +222,7 @@ def _note(results: Results, options: argparse.Namespace, wall_s: float, runs: in
 
 
 def _processor() -> str:
-    """The processor's name, as far as the system tells."""
+    """Name of the processor, if the system tells it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""A pytest fixture: `from deploy.testing import emulation`, and a test gets runs of real processes (docs/faults.md)."""
+"""A pytest fixture for runs of real processes: `from deploy.testing import emulation` (docs/faults.md)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Emulation", "EmulationError", "emulation"]
 
 @pytest.fixture
 def emulation(tmp_path: Path) -> Iterator[Callable[..., Emulation]]:
-    """Start runs by `emulation(scenario, faults=[...], robots=6, ...)`; all of them are gone after the test."""
+    """`emulation(scenario, faults=[...], robots=6, ...)` starts a run; all of them end with the test."""
     with contextlib.ExitStack() as runs:
         count = 0
 

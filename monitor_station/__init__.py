@@ -1,1 +1,1 @@
-"""The monitor station: a DSDV node without wheels that merges what reaches it, and the recorder."""
+"""The monitor station: a DSDV node that does not move and merges the scans that reach it; and the recorder."""

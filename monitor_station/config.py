@@ -1,4 +1,4 @@
-"""What the monitor station is told at its start."""
+"""The configs of the monitor station and of the recorder."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MAP: Final = "map.yaml"
 
 
 def cell_title(name: str) -> str:
-    """Name of a search cell as people read it: it tells a cell from a robot where the scenario only numbers them."""
+    """Name of a search cell for people: where the scenario only numbers cells, it does not read as a robot's."""
     return f"Cell {name}" if name.isdigit() else name
 
 
 @dataclass(frozen=True)
 class SearchCell:
-    """A space whose reconnaissance is measured [paper 7.1, 8.1]."""
+    """A space whose search is measured [paper 7.1, 8.1]."""
 
     name: str
     cells: NDArray[np.int64]
@@ -32,7 +32,7 @@ class SearchCell:
 
 @dataclass(frozen=True)
 class StationConfig:
-    """The MS: its own node (rules that concern wheels are unused) and what it measures."""
+    """The MS: its node (rules of motion are unused) and the search cells that it measures."""
 
     node: RobotConfig
     search_cells: tuple[SearchCell, ...]
@@ -40,7 +40,7 @@ class StationConfig:
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """What a recording shows beside the streams: the truth and the names."""
+    """What a recording shows besides the data of the run: floor plan, victims, names."""
 
     run: str
     geometry: GridGeometry
@@ -53,4 +53,4 @@ class RecorderConfig:
     cell_rectangles_m: tuple[tuple[float, float, float, float], ...]
     """x0, y0, x1, y1 of each search cell, for its label."""
     recording_id: str = ""
-    """What makes the parts of one run's recording one; empty: a part of its own."""
+    """Equal in all files of one run's recording, so that a viewer joins them; empty: a random one."""

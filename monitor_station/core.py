@@ -1,4 +1,4 @@
-"""The core of the monitor station: a DSDV node without wheels that merges scans and hands the merged map out."""
+"""The core of the monitor station: a DSDV node that does not move, merges scans and distributes the merged map."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from world.messages import Report, Sense
 from world.terms import NOBODY, Cls
 
 _RECORD: Final = struct.Struct("<II")
-"""Of the journal: the tick at which a report was merged, and its length."""
+"""Head of a record of the journal: the tick at which a report was merged, and its length."""
 
 
 _NO_CHANGE: Final = np.zeros(0, np.int64), np.zeros(0, np.int8)
@@ -31,7 +31,7 @@ _NO_CHANGE: Final = np.zeros(0, np.int64), np.zeros(0, np.int8)
 
 
 class Station:
-    """Sans-IO. What it knows came over the radio; a journal lets a new incarnation go on where the last one ended."""
+    """Sans-IO. All that it knows came over the radio. The journal lets a new incarnation go on where the last ended."""
 
     def __init__(self, config: StationConfig, rng: random.Random, incarnation: int, first_tick: int) -> None:
         node = config.node
@@ -49,7 +49,7 @@ class Station:
         self._changed: tuple[NDArray[np.int64], NDArray[np.int8]] = (known, self.merger.cells[known])
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Report]:
-        """One tick: `inbox` is None at the first one after (re)joining."""
+        """One tick; `inbox` is None at the first one after (re)joining."""
         tick = self._tick = sense.tick
         self._journal.clear()
         reports: list[ScanReport] = []
@@ -103,7 +103,7 @@ class Station:
         return tuple(frames)
 
     def view(self) -> StationView:
-        """What the operators know after this tick's step."""
+        """What the operators know after the step of this tick."""
         table = self.router.table
         ids = sorted(dst for dst in table.known if dst != self.router.node)
         victims = tuple((victim, x, y) for victim, (x, y) in sorted(self.merger.victims.items()))
@@ -119,14 +119,14 @@ class Station:
         )
 
     def journal(self) -> bytes:
-        """What this step merged; it must be on disk before the step's frames, which acknowledge it, are sent."""
+        """The reports that this step merged. They must be on disk before its frames acknowledge them."""
         return b"".join(self._journal)
 
     def restore(self, journal: bytes) -> int:
-        """Take in the journal of earlier incarnations, before the first step.
+        """Merge the journal of earlier incarnations, before the first step.
 
         Returns:
-            The length of what is whole. A record cut off at the end was never acknowledged: cut it off the file too.
+            Length of the whole records. What follows was never acknowledged, and must be cut off the file.
         """
         whole = 0
         while (start := whole + _RECORD.size) <= len(journal):
@@ -137,14 +137,14 @@ class Station:
             try:
                 self._merge(tick, ScanReport.decode(journal[start:whole]))
             except WireError:
-                self.bad_frames += 1  # the disk has spoiled it
+                self.bad_frames += 1  # damaged on the disk
         self._journal.clear()
         known = np.flatnonzero(self.merger.cells >= 0)
         self._changed = known, self.merger.cells[known]
         return whole
 
     def final(self) -> dict[str, Any]:
-        """Counts at the end of the run, JSON types."""
+        """Counts at the end of the run, in JSON types."""
         names, times = self.search.names, self.search.search_time_s
         everything = [t for t in times if t is not None]
         return {

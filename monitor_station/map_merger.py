@@ -1,4 +1,4 @@
-"""Merges scan reports into the map that the operators see, and keeps count of what each robot has delivered."""
+"""Merges scan reports into the map that the operators see, and counts what each robot has delivered."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from world.grid import GridGeometry
 
 
 class MapMerger:
-    """Occupied beats free beats unknown, so the order of reports cannot matter to the map."""
+    """Occupied overrides free, and free overrides unknown, so the map does not depend on the order of reports."""
 
     def __init__(self, geometry: GridGeometry, safety_zone_m: tuple[float, float, float, float]) -> None:
         self.geometry = geometry
         self.cells = geometry.blank(safety_zone_m)
         self.victims: dict[int, tuple[float, float]] = {}
         self._complete: dict[tuple[int, int], int] = {}
-        """By robot and incarnation: the highest report number that is here without a gap."""
+        """By robot and incarnation: the highest report number without a gap."""
         self._contents: dict[tuple[int, int, int], int] = {}
-        """By robot, incarnation and number: a hash of what the report said."""
+        """By robot, incarnation and number: a hash of the content of the report."""
         self._contradicted: set[tuple[int, int, int]] = set()
-        """Reports of which another content has come, too. Only one of the two can be the robot's."""
+        """Reports that came with two contents. Only one of them can be the robot's."""
         self._acks: bytes | None = b""
-        """What `acks` returns; None: to be made anew."""
+        """Result of `acks`; None once it is out of date."""
 
     def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
         """Merge a report within its limits (agents/limits.py).
 
-        Of two reports with the same number but another content the first is merged, and the other noted.
+        Of two reports with the same number but different contents the first is merged, and the second noted.
 
         Returns:
-            The changed cells, ascending, and their values; None if nothing of this report is news.
+            The changed cells, ascending, and their values; None if this report is not merged.
         """
         source = report.origin, report.incarnation
         key = *source, report.number
@@ -57,7 +57,7 @@ class MapMerger:
 
     @property
     def merged(self) -> int:
-        """Different reports taken in."""
+        """How many reports were merged."""
         return len(self._contents)
 
     def tally(self) -> dict[str, Any]:
@@ -78,7 +78,7 @@ class MapMerger:
         }
 
     def acks(self) -> bytes:
-        """A run of ACK: per robot incarnation the highest report number that is here without a gap."""
+        """Acknowledgements (ACK), one after the other: of each robot incarnation the highest number without a gap."""
         if self._acks is None:
             self._acks = b"".join([ACK.pack(*source, number) for source, number in sorted(self._complete.items())])
         return self._acks

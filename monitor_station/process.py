@@ -59,7 +59,7 @@ def run(
 
 
 class Shell:
-    """What moves bytes around a station core."""
+    """Moves bytes between the bus, the core and the disk."""
 
     def __init__(
         self, config: StationConfig, login: Login, out: Path, recorder: RecorderConfig | None, live_port: int | None
@@ -68,7 +68,7 @@ class Shell:
         self._journal: GrowingFile | None = None
         self._unwritten = Unwritten()
         self._feeder: Feeder | None = None
-        # First who listens, then the member: with its token the ticks may begin.
+        # The member comes last: once its token is declared, the ticks may begin.
         self._recording = next_part(out)
         if recorder is not None:
             with self._unwritten.noting(self._recording.name):
@@ -91,7 +91,7 @@ class Shell:
         try:
             self._ticks()
         finally:
-            # The session first: without a launcher the router's host waits for this token to drop before it goes.
+            # The session closes first: without a launcher the medium waits for this token to drop before it ends.
             self._member.session.close()
             if self._feeder is not None:
                 with self._unwritten.noting(self._recording.name):
@@ -130,7 +130,7 @@ class Shell:
         self._put_final(msgpack.packb(counts | {"malformed": malformed}))
 
     def _start(self, sense: Sense) -> Station:
-        """The core, after a restart with what its predecessor had acknowledged; and the journal.
+        """A new core, and its journal; after a restart it knows the reports that earlier incarnations acknowledged.
 
         The kernel keeps the journal if this process dies; only a power cut would lose it.
         """
@@ -148,7 +148,7 @@ class Shell:
 
 
 def next_part(out: Path) -> Path:
-    """Where this process records: a station that was restarted goes on in recording-2.rrd, and so on."""
+    """The file in which this process records: a restarted station goes on in recording-2.rrd, and so on."""
     path, part = out / RECORDING, 1
     while path.exists():
         part += 1

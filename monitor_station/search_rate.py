@@ -10,7 +10,7 @@ from world.terms import seconds_of
 
 
 class SearchRate:
-    """Counts, cell by cell, what the merged map knows."""
+    """Counts the known grid cells of each search cell."""
 
     def __init__(self, search_cells: tuple[SearchCell, ...], size: int) -> None:
         """`size`: number of grid cells."""

@@ -1,4 +1,4 @@
-"""What the operators know at a tick: the station core's output for the recorder, and nothing that it did not hear."""
+"""What the operators know at a tick: the output of the station's core for the recorder. All of it came by radio."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Whole missions against what the procedure promises, too long for the test suite: `make acceptance`.
 
-Prints a section of Markdown each, with what was asked, what came out, and a verdict; exit status 1 if any fails.
+Prints a section of Markdown for each: the promise, the result, and a verdict. Exit status 1 if any fails.
 `python -m tests.acceptance missions digests` runs those only; `--seeds 2` is a quick look at the first four.
 The sections on policies judge studies, which have seeds of their own and go on where they were interrupted.
 """
@@ -37,7 +37,7 @@ Run = tuple[str, Mapping[str, Any]]
 
 
 class Outcome(NamedTuple):
-    """What a run came to."""
+    """The outcome of a run."""
 
     seed: int
     status: str
@@ -123,7 +123,7 @@ def digests(seeds: int) -> Iterator[str | bool]:
 
 
 def pace(_: int) -> Iterator[str | bool]:
-    """In processes scout is at most 15 % slower than vds, where it has no walls to think of and where it has."""
+    """In processes scout is at most 15 % slower than vds, both without walls and behind walls."""
     yield "## Real-time factor of `scout`\n"
     yield "| N = 9, r_t = 20 m, 100 s as real processes, in turn | vds | scout | ratio of the medians | |\n"
     yield "|---|---|---|---|---|\n"
@@ -194,7 +194,7 @@ Rows = list[dict[str, Any]]
 
 
 def study(name: str) -> Rows:
-    """Rows of a study as it is planned now, run as far as it has not been yet; what failed finished nothing.
+    """Rows of a study as it is planned now, after its missing runs; failed runs finished no cell.
 
     Raises:
         RuntimeError: a row comes from other code.
@@ -209,7 +209,7 @@ def study(name: str) -> Rows:
 
 
 def fleets(rows: Rows) -> Iterator[tuple[int, float, dict[str, Rows]]]:
-    """N, r_t, and the rows of each variant there."""
+    """N, r_t, and the rows of each variant with them."""
     for robots, radius in dict.fromkeys((row["robots"], row["radius_m"]) for row in rows):
         here = [row for row in rows if (row["robots"], row["radius_m"]) == (robots, radius)]
         yield robots, radius, {v: [r for r in here if r["variant"] == v] for v in {r["variant"] for r in here}}
@@ -279,7 +279,7 @@ def policies_trouble(_: int) -> Iterator[str | bool]:
 
 
 ORPHAN_RADII_M = (20.0, 18.0, 15.0, 12.0)
-"""r_t = 20 m, and what it shrinks to as long as too few seeds have an orphan."""
+"""r_t = 20 m, and shorter ones that are tried while too few seeds have an orphan."""
 
 
 def dead_relay(seeds: int) -> Iterator[str | bool]:

@@ -1,4 +1,4 @@
-"""Chaos: a random fault every 10 simulated seconds, on real processes, and what must hold all the same.
+"""Chaos: a random fault every 10 simulated seconds, on real processes, and what must hold nevertheless.
 
     python -m tests.chaos [--seconds 1000] [--seeds 5]
 
@@ -27,7 +27,7 @@ RADIUS_M: Final = 6.0
 EVERY_S: Final = 10.0
 MOST_DOWN: Final = 2
 GROWTH: Final = 1.25
-"""A process may hold so much more memory at the end than after the first fifth of the run (its map has grown)."""
+"""Highest ratio of a process's memory at the end to that after the first fifth of the run (its map has grown)."""
 SLACK_KB: Final = 16_000
 
 

@@ -29,12 +29,12 @@ from tests.fuzzing.shells import TICKS, medium_goes_on, node_goes_on, world_goes
 BATCH: Final = 250
 SHELL_MESSAGES: Final = 30
 MOST_BYTES: Final = 400_000_000
-"""By which one batch may raise the memory of this process."""
+"""Most memory by which one batch may raise that of this process."""
 ADDRESS_SPACE: Final = 8 * 2**30
 
 
 class Fuzzer:
-    """Counts what becomes of the inputs."""
+    """Counts the outcomes of inputs."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed

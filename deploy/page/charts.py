@@ -17,7 +17,7 @@ _WIDTH: Final = 480.0
 _HEIGHT: Final = 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 12.0, 22.0, 38.0
 _LABEL_GAP: Final = 62.0
-"""Marks closer than this share one label."""
+"""Marks that are closer share one label."""
 
 Points = Sequence[tuple[float, float | None]]
 
@@ -40,7 +40,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Mark:
-    """A moment, drawn as an upright line."""
+    """A moment, drawn as a vertical line."""
 
     x: float
     label: str
@@ -97,7 +97,7 @@ def line_chart(
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where data lies in the picture."""
+    """Maps data to coordinates of the picture."""
 
     x_max: float
     y_max: float
@@ -197,7 +197,7 @@ def _round_step(least: float) -> float:
 
 
 def legend(lines: Sequence[Line]) -> str:
-    """The names of the lines beside a piece of each, as an HTML list."""
+    """The legend as an HTML list: a piece of each line beside its name."""
     items = []
     for line in lines:
         note = f' <span class="note">{escape(line.note)}</span>' if line.note else ""
@@ -209,7 +209,7 @@ def legend(lines: Sequence[Line]) -> str:
 
 
 def bar_chart(title: str, bars: Sequence[Bar]) -> str:
-    """Bars that lie, longest at the top."""
+    """Horizontal bars, the longest at the top."""
     row, left, right = 22.0, 92.0, 56.0
     ordered = sorted(bars, key=lambda bar: -bar.value)
     longest = max((bar.value for bar in ordered), default=0.0) or 1.0

@@ -25,7 +25,7 @@ __all__ = ["comparison_page"]
 
 
 def _radio_mb(run: Run) -> float | None:
-    sent = run.table("frames").get("bytes")
+    sent = run.group("frames").get("bytes")
     return sent / 1e6 if isinstance(sent, int) else None
 
 
@@ -38,19 +38,19 @@ _COMPARED: Final[tuple[tuple[str, _Value, Callable[[object], str]], ...]] = (
     ("seed", lambda run: run.summary.get("seed"), number),
     ("policy", lambda run: None if run.scenario is None else run.scenario.tables.policy, number),
     ("searched", mean_rate, lambda value: percent(value, 1)),
-    ("all searched after", lambda run: run.table("search_time_s").get("all"), seconds),
-    ("victims found", lambda run: run.table("victims").get("found"), number),
+    ("all searched after", lambda run: run.group("search_time_s").get("all"), seconds),
+    ("victims found", lambda run: run.group("victims").get("found"), number),
     ("connected", lambda run: run.summary.get("connected_fraction"), lambda value: percent(value, 2)),
     ("most hops", lambda run: run.summary.get("max_hops"), number),
     ("faults", lambda run: len(run.rows("faults")), number),
     ("faults recovered", lambda run: sum(row.get("recovered") is True for row in run.rows("recoveries")), number),
-    ("scan reports made", lambda run: run.table("scan_reports").get("made"), number),
-    ("scan reports merged", lambda run: run.table("scan_reports").get("merged"), number),
-    ("frames sent", lambda run: run.table("frames").get("sent"), number),
+    ("scan reports made", lambda run: run.group("scan_reports").get("made"), number),
+    ("scan reports merged", lambda run: run.group("scan_reports").get("merged"), number),
+    ("frames sent", lambda run: run.group("frames").get("sent"), number),
     ("radio, MB", _radio_mb, number),
     ("simulated", lambda run: run.summary.get("simulated_s"), seconds),
     ("real-time factor", lambda run: run.summary.get("real_time_factor"), number),
-    ("tick, median ms", lambda run: run.table("tick_ms").get("p50"), number),
+    ("tick, median ms", lambda run: run.group("tick_ms").get("p50"), number),
 )
 
 
@@ -59,9 +59,9 @@ def _difference_card(a: Run, b: Run) -> str:
     for name, value, show in _COMPARED:
         first, second = value(a), value(b)
         rows.append([name, show(first), show(second), _difference(first, second, show)])
-    for name in dict.fromkeys([*a.table("search_time_s"), *b.table("search_time_s")]):
+    for name in dict.fromkeys([*a.group("search_time_s"), *b.group("search_time_s")]):
         if name != "all":
-            first, second = a.table("search_time_s").get(name), b.table("search_time_s").get(name)
+            first, second = a.group("search_time_s").get(name), b.group("search_time_s").get(name)
             rows.append([
                 f"{escape(cell_title(name))} searched after", seconds(first), seconds(second),
                 _difference(first, second, seconds),

@@ -1,6 +1,6 @@
-"""The grammar of a report's pages: how values read, and cards, tables and the page around them.
+"""The HTML of a report: values as text, cards, tables, and the page around them.
 
-`say` gives plain text; everything else gives HTML in which all that came from outside is escaped.
+`say` returns plain text. All other functions return HTML with all text from outside escaped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def page(title: str, kind: str, body: Iterable[str]) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"{GENERATOR}"
-        # Even a file that found a way past the escaping could not fetch or run anything.
+        # A second defense: text that is not escaped by mistake can neither fetch nor run anything.
         "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
         'img-src data:"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{_CSS.read_text(encoding='utf-8')}</style></head>"
@@ -61,7 +61,7 @@ def milliseconds(value: object) -> str:
 
 
 def percent(value: object, digits: int = 0) -> str:
-    """A share; what is not all is never rounded up to 100 %."""
+    """A share in per cent; only all of it is 100 %, however close the rest comes."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return UNKNOWN
     shown = f"{100 * value:.{digits}f}"

@@ -1,4 +1,4 @@
-"""The map of a run as one picture: the merged map as an inline PNG, and over it cells, station, victims and robots."""
+"""The map of a run as one SVG picture: the merged map as a PNG in it, under cells, station, victims and robots."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ MAP_KEY: Final = (
     ("hop", "next hop to the MS"), ("station", "monitor station (MS)"), ("found", "victim found"),
     ("missed", "victim not found"),
 )  # fmt: skip
-"""CSS class of each sign, and what it means."""
+"""CSS class of each symbol, and its meaning."""
 
 
 class _Plan:
-    """Where places in metres lie in the picture."""
+    """Maps places in metres to coordinates of the picture."""
 
     def __init__(self, run: Run, geometry: GridGeometry) -> None:
         self.run, self.geometry = run, geometry

@@ -66,16 +66,16 @@ def status(run: Run) -> str:
 
 
 def mean_rate(run: Run) -> float | None:
-    rates = [rate for rate in run.table("search_rate").values() if isinstance(rate, int | float)]
+    rates = [rate for rate in run.group("search_rate").values() if isinstance(rate, int | float)]
     return sum(rates) / len(rates) if rates else None
 
 
 def _tiles(run: Run) -> str:
     summary = run.summary
-    search_time, victims, verdicts = run.table("search_time_s"), run.table("victims"), run.rows("recoveries")
+    search_time, victims, verdicts = run.group("search_time_s"), run.group("victims"), run.rows("recoveries")
     affected = [row for row in verdicts if row.get("recovered") != "not affected"]
     healed = sum(row.get("recovered") is True for row in affected)
-    tick_ms = run.table("tick_ms")
+    tick_ms = run.group("tick_ms")
     tiles = [
         ("Searched", percent(mean_rate(run)), f"all after {seconds(search_time.get('all'))}"),
         ("Victims found", f"{number(victims.get('found'))} of {number(victims.get('placed'))}", ""),
@@ -125,17 +125,17 @@ def map_card(run: Run, title: str = "Map at the end") -> str:
 
 
 def _cells_card(run: Run) -> str:
-    times = run.table("search_time_s")
+    times = run.group("search_time_s")
     rows = [
         [escape(cell_title(name)), percent(rate, 1), seconds(times.get(name))]
-        for name, rate in run.table("search_rate").items()
+        for name, rate in run.group("search_rate").items()
     ]
     return card("Search cells", table(["cell", "searched", "all of it after"], rows, numbers=(1, 2)))
 
 
 def search_card(runs: Sequence[Run]) -> str:
     lines = [
-        _line(runs, which, cell_title(name), rates, i, percent(run.table("search_rate").get(name)))
+        _line(runs, which, cell_title(name), rates, i, percent(run.group("search_rate").get(name)))
         for which, run in enumerate(runs)
         for i, (name, rates) in enumerate(run.search_rates.items())
     ]
@@ -220,7 +220,7 @@ def _verdict(row: dict[str, Any]) -> list[str]:
 
 
 def _counts_card(run: Run) -> str:
-    scans, frames = run.table("scan_reports"), run.table("frames")
+    scans, frames = run.group("scan_reports"), run.group("frames")
     rows = [[f"scan reports {escape(key)}", number(scans[key])] for key in scans]
     rows += [
         [f"radio {escape(key) if key == 'bytes' else f'frames {escape(key)}'}", number(frames[key])] for key in frames
@@ -229,9 +229,9 @@ def _counts_card(run: Run) -> str:
 
 
 def _ticks_card(run: Run) -> str:
-    blame = {name: share for name, share in run.table("tick_blame").items() if isinstance(share, int | float)}
+    blame = {name: share for name, share in run.group("tick_blame").items() if isinstance(share, int | float)}
     bars = sorted((Bar(name, share, percent(share)) for name, share in blame.items()), key=lambda b: -b.value)[:12]
-    rows = [[f"tick, {escape(key)}", milliseconds(value)] for key, value in run.table("tick_ms").items()]
+    rows = [[f"tick, {escape(key)}", milliseconds(value)] for key, value in run.group("tick_ms").items()]
     rows.append(["wall time of the run", seconds(run.summary.get("wall_s"))])
     body = table(["what", "wall time"], rows, numbers=(1,))
     if bars:
@@ -283,13 +283,13 @@ def repeat_card(run: Run, title: str = "Repeat this run") -> str:
 
 
 def repeat_command(run: Run) -> str:
-    """The command that repeats a run, with the faults that its scenario does not have because a hand made them."""
+    """The command that repeats a run, with the faults by hand, which its scenario does not have."""
     words = ["deploy/run_local.py", "--scenario", str(run.path / "scenario.toml")]
     planned: set[tuple[str, float]] = set()
     if run.scenario is not None:
         planned = {(fault.verb, fault.at_s) for fault in run.scenario.tables.fault}
     for index, raw in enumerate(run.rows("faults")):
-        with contextlib.suppress(ScenarioError):  # a file that is damaged there
+        with contextlib.suppress(ScenarioError):  # of a damaged file
             fault = validate_fault(raw, index)
             if (fault.verb, fault.at_s) not in planned:
                 words += ["--fault", describe(fault)]

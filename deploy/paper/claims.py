@@ -1,6 +1,6 @@
-"""What the paper's text says of its Fig. 6 and 7, claim by claim, judged by the results of the studies.
+"""The claims of the paper's text on its Fig. 6 and 7, judged by the results of the studies.
 
-The thresholds are ours, since the text has words only; each stands beside its claim.
+The text has words only, so the thresholds are ours. Each stands beside its claim.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ SeriesByKey = Mapping[str, Mapping[str, Sequence[float]]]
 
 @dataclass(frozen=True)
 class Verdict:
-    """One claim and what became of it."""
+    """One claim and its verdict."""
 
     claim: str
     found: str
     """The numbers that decide."""
     holds: bool | None
-    """None: the results at hand can't tell."""
+    """None: there are no results to judge it by."""
 
     @property
     def word(self) -> str:

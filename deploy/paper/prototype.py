@@ -1,7 +1,7 @@
-"""What the results are held against: the table of an independent prototype, and the claims of the paper's text.
+"""Search times of an independent prototype, with which the results are compared.
 
-The prototype was one process, with points for robots and a map that all share at once, on the same arena; ten seeds
-per point, 4,000 s at most.
+The prototype was one process on the same arena. Its robots were points and shared one map at once. Each point is of ten
+seeds, 4,000 s at most.
 """
 
 from __future__ import annotations

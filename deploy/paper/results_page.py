@@ -1,6 +1,6 @@
-"""docs/results.md and docs/policies.md, written from the results themselves: no number in them was typed by hand.
+"""Writes docs/results.md and docs/policies.md from the results of studies; no number in them is typed by hand.
 
-Each claim of the paper's text is judged by a function of the tables; where there are no results yet, it says so.
+A function of the results judges each claim of the paper's text. A study without results says so.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def write_report(studies: Path, docs: Path) -> list[Path]:
     """Write results.md and policies.md into `docs`, with the pictures and tables that they show in `docs`/results.
 
     Args:
-        studies: where the studies' results lie, a folder each.
+        studies: the folder that has a folder for each study.
         docs: where the report goes.
 
     Raises:
@@ -276,7 +276,7 @@ def _policies(found: _Found) -> list[str]:
 
 
 def _share(vds: Times, scout: Times, slow: Times) -> str:
-    """Share of the gain of scout over vds that is lost when it walks as slowly."""
+    """Share of the gain of scout over vds that is lost if scout walks as slowly as vds."""
     seeds = [s for s in vds if all(times.get(s) is not None for times in (vds, scout, slow))]
     base_s, fast_s, slow_s = (math.fsum(times[s] or 0.0 for s in seeds) for times in (vds, scout, slow))
     return f"{(slow_s - fast_s) / (base_s - fast_s):.0%}" if fast_s < base_s else "-"

@@ -1,1 +1,1 @@
-"""One run as real processes: who starts them, what each runs, where it runs, and how the operator speaks to them."""
+"""One run as real processes: what each runs, on which processor, who starts and watches them, who gives orders."""

@@ -19,9 +19,9 @@ from typing import IO, Any, Final
 
 from setproctitle import setproctitle
 
-from deploy.command import SIGNALS
+from deploy.machine.interrupts import SIGNALS
+from deploy.machine.outlet import keep_writing, lost
 from deploy.processes.collector import collect_rarely
-from deploy.screen.outlet import keep_writing, lost
 
 __all__ = ["GRACE_S", "Child", "Held"]
 

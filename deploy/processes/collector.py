@@ -1,4 +1,4 @@
-"""How often a process of a run looks for garbage that reference counts alone cannot free."""
+"""How often Python's garbage collector looks for cycles of objects in a process of a run."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Final
 __all__ = ["collect_rarely"]
 
 _OBJECTS: Final = 20_000
-"""New objects between two looks; Python's own 700 cost a thirtieth of the time of a run."""
+"""New objects between two collections; Python's own 700 cost a thirtieth of the time of a run."""
 
 
 def collect_rarely() -> None:
-    """What is there by now is never garbage, and what a tick makes is gone by itself: hardly look for cycles.
+    """Collect rarely: what exists now is never garbage, and reference counts free what a tick makes.
 
-    To be called once everything is imported. It holds for the whole process, and spares forked ones copies of pages.
+    Call it once everything is imported. It changes the whole process, and saves forked ones copies of memory pages.
     """
     gc.freeze()
     gc.set_threshold(_OBJECTS)

@@ -1,4 +1,7 @@
-"""What each process of a run runs. A module is imported only in the process that needs it, or by the fork server."""
+"""The first function of each process of a run.
+
+A module is imported only in the process that needs it, or by the fork server.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ PRELOAD: Final = (
     "numpy", "msgpack", "zenoh", "world.process", "medium.process", "agents.process", "monitor_station.process",
     "deploy.processes.supervisor", "deploy.processes.entry",
 )  # fmt: skip
-"""Modules that the fork server imports once for all."""
+"""Modules that the fork server imports, once for all processes."""
 
 
 def run_world(config: Any, login: Login) -> None:

@@ -1,4 +1,4 @@
-"""The processes of one run: which there are, what each is told, and as whom it logs in."""
+"""The processes of one run: their names, their configs and their logins."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bus.access import Login, credentials, users_of
 from bus.keys import check_run
 from bus.nodes import process_name, user_name
 from deploy.processes.entry import PRELOAD, run_medium, run_robot, run_station, run_world
-from deploy.processes.processors import places, shared
+from deploy.processes.processors import assigned, shared
 from deploy.processes.supervisor import Supervisor
 from world.terms import STATION
 
@@ -35,7 +35,7 @@ class Fleet:
         held: bool = False,
         plain_scheduling: bool = False,
     ) -> None:
-        """Make up logins and the run's name; nothing starts yet.
+        """Make the logins and the name of the run. Nothing starts yet.
 
         Args:
             scenario: what to run.
@@ -43,8 +43,8 @@ class Fleet:
             endpoint: of the router.
             record: leave a recording.
             live_port: serve the recording to viewers on this port, too.
-            held: begin held, as by the operator's `hold`.
-            plain_scheduling: leave it to the kernel where processes run.
+            held: begin held, as after the operator's `hold`.
+            plain_scheduling: let the kernel choose the processor of each process.
         """
         self._scenario = scenario
         self._out = out
@@ -53,16 +53,16 @@ class Fleet:
         self._world = dataclasses.replace(scenario.world_config(), held=held)
         self._recorder = None
         if record:
-            # Of one run, whichever process of the station records a part of it.
+            # A restarted station goes on in another file of the same recording.
             self._recorder = dataclasses.replace(scenario.recorder_config(self._run), recording_id=str(uuid.uuid4()))
         self._live_port = live_port
         nodes = [process_name(node) for node in range(scenario.robots + 1)]
         processors = () if plain_scheduling else shared(len(nodes) + len(("world", "medium")))
-        self._places = places(processors, nodes)
+        self._processors = assigned(processors, nodes)
 
     @property
     def operator(self) -> Login:
-        """As whom the launcher, and whoever else gives orders, logs in."""
+        """The login of the launcher and of operators."""
         return self._logins["operator"]
 
     @property
@@ -70,11 +70,11 @@ class Fleet:
         return self._scenario.robots
 
     def supervisor(self, held: IO[bytes]) -> Supervisor:
-        """A supervisor for these processes, none of which has started. Each holds a file open until it ends."""
-        return Supervisor(self._run, self._out / "logs", PRELOAD, self._places, held)
+        """A supervisor for these processes, each of which holds a file open. It has started none of them."""
+        return Supervisor(self._run, self._out / "logs", PRELOAD, self._processors, held)
 
     def start_all_but_last(self, supervisor: Supervisor) -> None:
-        """Start medium, world, and all nodes but `last_node`, without which the world does not begin."""
+        """Start medium, world, and all nodes but `last_node`. The world begins once that has started, too."""
         users = users_of(self._logins)
         supervisor.start("medium", run_medium, self._scenario.medium_config(), self._logins["medium"], users)
         supervisor.start("world", run_world, self._world, self._logins["world"])
@@ -92,6 +92,6 @@ class Fleet:
 
 
 def _run_name(folder: Path) -> str:
-    """A run's name as a key chunk, after its folder."""
+    """The name of a run as a chunk of a key: that of its folder."""
     name = "".join("-" if c in "/*$?#@" or c.isspace() or not c.isprintable() else c for c in folder.resolve().name)
     return check_run(name or "run")

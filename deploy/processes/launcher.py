@@ -1,4 +1,4 @@
-"""One run as real processes: starts them, listens to the world, sends the signals that it asks for, and ends them all.
+"""One run as real processes: starts them, listens to the world, sends the signals that it orders, and ends them all.
 
 The world is the judge of the run. The launcher decides nothing about ticks.
 """
@@ -37,12 +37,12 @@ _STATION: Final = process_name(STATION)
 
 # Wall times.
 _LEAVE_S: Final = 1.0 + LATE_STOP_S
-"""In which processes leave by themselves once world or medium is lost."""
+"""For processes to end by themselves once world or medium is lost."""
 _ANSWER_S: Final = 1.0
 _INTERRUPT_S: Final = 2.0
-"""In which the world ends an interrupted run."""
+"""For the world to end an interrupted run."""
 _CLOSE_S: Final = 30.0
-"""In which processes close their files after the world's last word: a long recording takes a while."""
+"""For processes to close their files after the world's last counts: a long recording takes a while."""
 _STOP_GRACE_S: Final = 1.5
 _RETURNS: Final = 3
 _RETURNS_IN_S: Final = 10.0
@@ -55,8 +55,8 @@ class Outcome:
 
     summary: dict[str, Any]
     failures: tuple[str, ...]
-    """Processes that failed, one line each, then the end of its log; and files that could not be written. Empty if the
-    run ended as asked."""
+    """Of each process that failed one line, then the end of its log; of each file that could not be written one line.
+    Empty if the run ended as it should."""
 
     @property
     def exit_status(self) -> int:
@@ -64,10 +64,10 @@ class Outcome:
 
 
 class Launcher:
-    """Carries one run of real processes from its start to its end. Use each for one run."""
+    """Carries one run of real processes from its start to its end. It serves one run."""
 
     def __init__(self, fleet: Fleet, folder: RunFolder, view: View) -> None:
-        """Prepare a run of `fleet`, whose files go to `folder`; `view` is shown what happens."""
+        """Prepare a run of `fleet`. Its files go to `folder`; `view` shows what happens."""
         self._fleet = fleet
         self._folder = folder
         self._view = view
@@ -77,29 +77,29 @@ class Launcher:
         # How the run ends.
         self._asked_to_stop = 0
         self._seen_stop = 0
-        """Requests to stop, and those of them that have been dealt with."""
+        """How often `interrupt` was called, and to how many of these calls the launcher has reacted."""
         self._lost: str | None = None
         """Why the run can't go on."""
         self._failures: list[str] = []
         self._owing = {"world", "medium"}
-        """Who sends last counts if the run ends well."""
+        """Processes that send last counts if the run ends well."""
         self._give_up_at: float | None = None
-        """Monotonic time at which whoever is still there is stopped."""
+        """Monotonic time at which the launcher stops the processes that are left."""
 
         # Whether a dead station is started again.
         self._sent_away: set[str] = set()
-        """Processes that the world had killed."""
+        """Processes that were killed by order of the world."""
         self._returns_s: deque[float] = deque(maxlen=_RETURNS)
 
     def interrupt(self) -> None:
-        """End the run soon; callable from a signal handler or another thread. Twice: at once."""
+        """End the run soon, or at the second call now. Signal handlers and other threads may call it."""
         self._asked_to_stop += 1
         self._supervisor.wake()
 
     def run(self) -> Outcome:
-        """Run to the end, whatever the end is. No process is left when this returns."""
+        """Run to the end, good or bad. No process is left when this returns."""
         begun = time.monotonic()
-        # Whatever is opened later is closed earlier: the session, whose threads wake the supervisor, before that.
+        # The session closes before the supervisor, which its threads wake.
         with self._supervisor, contextlib.ExitStack() as opened:
             self._fleet.start_all_but_last(self._supervisor)
             session = self._connect()
@@ -109,14 +109,14 @@ class Launcher:
                     write_operator(self._folder.path, self._fleet.operator)
                 opened.callback((self._folder.path / OPERATOR).unlink, missing_ok=True)
                 self._listener.listen(session)
-                # The medium, which hosts the router, stays until this token drops.
+                # The medium hosts the router, and stays until this token drops.
                 session.declare(new_token("operator"))
-                # The world waits for every robot, so it tells nothing before somebody listens.
+                # The world waits for every robot, so nothing was published before the launcher listened.
                 self._fleet.start(self._supervisor, self._fleet.last_node)
                 self._show_pids()
                 self._attend(session)
             self._ends(self._supervisor.stop(_STOP_GRACE_S), expected=True)
-        self._listener.take()  # nobody is left to be sent a signal
+        self._listener.take()  # its signals come too late: no process is left
         self._view.close()
         return self._outcome(time.monotonic() - begun)
 
@@ -127,7 +127,7 @@ class Launcher:
         self._view.processes(self._supervisor.pids)
 
     def _connect(self) -> Session | None:
-        """Log in as the operator, in a thread: a medium that failed or a Ctrl-C must not have to wait for that."""
+        """Log in as the operator, in a thread, so that a failed medium and Ctrl-C are noticed meanwhile."""
         opened: list[Session | Exception] = []
 
         def connect() -> None:
@@ -162,15 +162,15 @@ class Launcher:
                 if supervisor.pids.keys() == {"medium"}:
                     session.close()
                 else:
-                    self._give_up_in(_LEAVE_S)  # a robot that came too late to hear the stop
+                    self._give_up_in(_LEAVE_S)  # a robot that started too late to hear the stop
 
     def _listen(self) -> None:
-        """Read what has come in, and act on it."""
+        """Read the messages that have come in, and act on them."""
         over = self._over
         for order in self._listener.take():
             self._carry_out(order)
         if self._over and not over:
-            # Everybody closes his files now; who was stopped is continued for that.
+            # All processes close their files now. For that, stopped ones are continued.
             for name in self._supervisor.pids:
                 self._supervisor.signal(name, signal.SIGCONT)
             self._give_up_at = None if self._give_up_at is None else time.monotonic() + _INTERRUPT_S
@@ -195,7 +195,7 @@ class Launcher:
 
     @property
     def _over(self) -> bool:
-        """Whether the world has said its last word."""
+        """Whether the last counts of the world are here."""
         return "world" in self._listener.finals
 
     def _stop_asked(self, session: Session) -> None:
@@ -209,13 +209,13 @@ class Launcher:
         self._give_up_in(_INTERRUPT_S)
 
     def _give_up_in(self, seconds: float) -> None:
-        """Stop whoever is still there after that time; an earlier deadline stays."""
+        """Stop the processes that are left after `seconds`, or at an earlier deadline if there is one."""
         at = time.monotonic() + seconds
         self._give_up_at = at if self._give_up_at is None else min(self._give_up_at, at)
 
     def _ends(self, ends: list[Exit], *, expected: bool = False) -> None:
-        """Judge how processes ended; `expected`: the launcher ended them."""
-        # A process that left because another was lost comes after that other.
+        """React to the ends of processes; `expected`: the launcher ended them."""
+        # A process that ended because another was lost comes after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
             if end.words:
                 self._failures.append(f"{end.name}: {end.words}")
@@ -243,7 +243,7 @@ class Launcher:
                 self._view.processes(self._supervisor.pids)
 
     def _may_return(self, end: Exit) -> bool:
-        """Whether the station is started again: it was killed, but not by the world's order, and the run goes on."""
+        """Whether to start the station again: it was killed, though not by order of the world, and the run goes on."""
         leaving = self._lost is not None or self._asked_to_stop or self._over
         if not end.by_signal or leaving or end.name in self._sent_away:
             return False
@@ -255,7 +255,7 @@ class Launcher:
         return True
 
     def _fail(self, words: str, name: str | None = None) -> None:
-        """Note a failure, with the end of the log of the process `name`."""
+        """Note a failure, with the end of the log of process `name`."""
         self._view.line(words)
         if name is not None:
             tail = self._supervisor.tail(name)

@@ -1,4 +1,4 @@
-"""What a run tells its launcher: kept in the run folder, shown to the view; orders and last counts are handed on."""
+"""Reads what a run publishes for its launcher: for the run folder, for the view, and for the launcher itself."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class Listener:
     """Reads messages in the order in which they come in."""
 
     def __init__(self, folder: RunFolder, view: View, last_node: int, wake: Callable[[], None]) -> None:
-        """Nobody is listened to yet.
+        """Prepare. `listen` begins to receive.
 
         Args:
-            folder: keeps what is told.
-            view: shows it.
+            folder: gets snapshots and events.
+            view: shows them.
             last_node: the highest node of the run.
-            wake: called, from a thread of the bus, whenever a message has come in.
+            wake: called after each message, by a thread of the bus.
         """
         self._folder = folder
         self._view = view
         self._last_node = last_node
         self._mailbox = Mailbox(wake)
         self.finals: dict[str, dict[str, Any]] = {}
-        """Last counts of `world`, `medium` and `station` by name, as far as they have come in; and `phases`."""
+        """Last counts by process (`world`, `medium`, `station`) so far; and `phases`."""
 
     def listen(self, session: Session) -> None:
         """Subscribe to all that is meant for a launcher."""
@@ -43,7 +43,7 @@ class Listener:
         session.subscribe(self._mailbox, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*"))
 
     def take(self) -> list[Signal]:
-        """Read what has come in; returns the signals that the world asks for."""
+        """Read the messages that have come in; returns the signals that the world orders."""
         orders: list[Signal] = []
         while (message := self._mailbox.get(0.0)) is not None:
             key, payload = message

@@ -1,4 +1,4 @@
-"""The file in a run folder by which an operator finds and enters a run: there only while the run lives."""
+"""The file by which an operator finds and enters a run. It is in the run folder while the run is under way."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from bus.access import Login
-from deploy.json_file import read_table
+from deploy.json_file import read_object
 from world.own_file import write_whole
 
 __all__ = ["OPERATOR", "living_launcher", "read_operator", "write_operator"]
@@ -18,7 +18,7 @@ _MOST_PID: Final = 2**31 - 1
 
 
 def write_operator(folder: Path, login: Login) -> None:
-    """Leave the operator's credentials and this process's id, readable by this user only."""
+    """Write the operator's credentials and the id of this process, readable by this user only."""
     text = json.dumps({
         "run": login.run, "endpoint": login.endpoint, "user": login.user, "password": login.password,
         "launcher": os.getpid(),
@@ -32,7 +32,7 @@ def read_operator(folder: Path) -> Login:
     Raises:
         ValueError: no run is under way there, or its file is damaged.
     """
-    told = read_table(folder / OPERATOR)
+    told = read_object(folder / OPERATOR)
     login = [told.get(name) for name in ("run", "endpoint", "user", "password")]
     if not all(isinstance(word, str) for word in login):
         raise ValueError(f"{OPERATOR} has no login")
@@ -40,9 +40,9 @@ def read_operator(folder: Path) -> Login:
 
 
 def living_launcher(folder: Path) -> int | None:
-    """Pid of the launcher of the run that is under way in a run folder, or None."""
+    """Process id of the launcher whose run is under way in a run folder; None if there is none."""
     try:
-        pid = read_table(folder / OPERATOR).get("launcher")
+        pid = read_object(folder / OPERATOR).get("launcher")
     except ValueError:
         return None
     if not isinstance(pid, int) or not 0 < pid <= _MOST_PID:

@@ -1,7 +1,7 @@
-"""Which processor each process of a run stays on, when there are more processes than processors.
+"""On which processor each process of a run stays if there are more processes than processors.
 
-A tick is a chain of short turns, a few of which can run at a time, and a kernel that is busy wakes most processes on
-the processor of who woke them, though another one idles (docs/performance.md has the numbers).
+A tick is a chain of short turns, and few of them can run at a time. A busy kernel wakes most processes on the processor
+of the process that woke them, though another processor is idle (numbers in docs/performance.md).
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ import os
 import sys
 from collections.abc import Sequence
 
-__all__ = ["places", "shared"]
+__all__ = ["assigned", "shared"]
 
 
 def shared(processes: int) -> tuple[int, ...]:
-    """The processors that so many processes have to share; empty if there is one for each, or nobody can tell."""
+    """The processors that `processes` processes share; empty if each has one of its own, or if they are unknown."""
     if sys.platform != "linux":
         return ()
     processors = tuple(sorted(os.sched_getaffinity(0)))
     return processors if processes > len(processors) else ()
 
 
-def places(processors: Sequence[int], nodes: Sequence[str]) -> dict[str, int]:
+def assigned(processors: Sequence[int], nodes: Sequence[str]) -> dict[str, int]:
     """The processor on which each process of a run stays: `medium`, `world`, and `nodes` in the order of their turns.
 
-    The medium hands out the turns, so those go first whose processors are not the medium's.
+    The medium hands out the turns, so the first nodes are on other processors than the medium.
     """
     if not processors:
         return {}

@@ -1,10 +1,9 @@
 """Processes of one run: started by a fork server, named, logged, watched, and never left behind.
 
-The fork server imports the heavy modules once and opens nothing, so a child starts in milliseconds. A child ends
-with its launcher, however that one dies: it waits on a pipe that the launcher holds open. A *stopped* child cannot
-wait on anything, so the kernel is asked to continue it when the fork server goes (which goes with the launcher).
-What a terminal or a batch system sends to all processes of a group is for the launcher alone to judge.
-Nothing here knows what the processes do.
+The fork server imports the heavy modules once and opens nothing, so a child starts in milliseconds. A child ends with
+its launcher, however that dies: it waits on a pipe that the launcher holds open. A *stopped* child cannot wait, so the
+kernel continues it when the fork server ends, which ends with the launcher. This module does not know what processes
+do. What is sent to a whole process group, as by a terminal, is for the launcher alone to judge.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
-from deploy.command import SIGNALS
+from deploy.machine.interrupts import SIGNALS
 from deploy.processes.child import GRACE_S, Child, Held
 
 __all__ = ["Exit", "Supervisor"]
@@ -67,7 +66,7 @@ def _signal_name(number: int) -> str:
 class Supervisor:
     """Starts named processes and reports their ends. A context manager: on leaving, no process is left.
 
-    Not thread-safe but for `wake`.
+    Only `wake` is thread-safe.
     """
 
     def __init__(
@@ -75,7 +74,7 @@ class Supervisor:
         run: str,
         logs: Path,
         preload: Sequence[str] = (),
-        places: Mapping[str, int] = {},
+        processors: Mapping[str, int] = {},
         held: IO[bytes] | None = None,
     ) -> None:
         """Prepare; the fork server starts as the context is entered.
@@ -84,7 +83,7 @@ class Supervisor:
             run: its name, for the titles of processes.
             logs: folder for a file per process.
             preload: modules that the fork server imports.
-            places: processors by process name; whoever has none runs where the kernel likes.
+            processors: by name of a process. The kernel chooses for those without one.
             held: a file that every process holds open until it ends, for its lock.
 
         Raises:
@@ -94,7 +93,7 @@ class Supervisor:
         self._logs = logs
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
-        self._places = places
+        self._processors = processors
         self._held = None if held is None else Held(held)
         self._living: dict[str, BaseProcess] = {}
         self._words: dict[str, connection.Connection] = {}
@@ -103,7 +102,7 @@ class Supervisor:
         os.set_blocking(self._wake_r, False)
         os.set_blocking(self._wake_w, False)
         self._watched = selectors.DefaultSelector()
-        """Whose end is waited for: names by sentinel, and the wake-up call."""
+        """Sentinels of living processes, with their names, and the pipe of `wake`."""
         self._watched.register(self._wake_r, selectors.EVENT_READ, _WAKE)
 
     def start(self, name: str, target: Callable[..., None], *args: Any) -> int:
@@ -115,7 +114,7 @@ class Supervisor:
         if name in self._living:
             raise ValueError(f"{name} is alive already")
         heard, words = self._context.Pipe(duplex=False)
-        child = Child(f"vds {name} {self._run}", self.log_path(name), self._places.get(name), words, self._held)
+        child = Child(f"vds {name} {self._run}", self.log_path(name), self._processors.get(name), words, self._held)
         process = self._context.Process(target=child.run, args=(target, args), name=name, daemon=True)
         process.start()
         words.close()
@@ -140,7 +139,7 @@ class Supervisor:
         return "\n".join(text.splitlines()[-lines:])
 
     def signal(self, name: str, number: signal.Signals) -> bool:
-        """Send a signal; False if there is no such process (any more)."""
+        """Send a signal; False if no process of that name lives."""
         process = self._living.get(name)
         if process is None or process.pid is None or process.exitcode is not None:
             return False
@@ -150,12 +149,12 @@ class Supervisor:
         return False
 
     def wake(self) -> None:
-        """Let a `wait` under way return; for other threads and signal handlers."""
+        """Make a `wait` under way return. Other threads and signal handlers may call it."""
         with contextlib.suppress(BlockingIOError, OSError):
             os.write(self._wake_w, b"w")
 
     def wait(self, timeout_s: float | None = None) -> list[Exit]:
-        """Sleep until a process ends, `wake` is called, or the time is over; return the ends since the last call."""
+        """Sleep until a process ends, `wake` is called, or the time is over; returns the ends since the last call."""
         ready = [key.data for key, _ in self._watched.select(timeout_s)]
         if _WAKE in ready:
             ready.remove(_WAKE)
@@ -191,7 +190,7 @@ class Supervisor:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
         self._watched.close()
-        # Whoever still calls `wake` must not write into a file that gets the same number.
+        # A late call of `wake` must not write into a file that gets the same descriptor.
         wake_w, self._wake_w = self._wake_w, -1
         os.close(wake_w)
         os.close(self._wake_r)
@@ -226,7 +225,7 @@ def _start_fork_server() -> None:
     if root not in paths:
         os.environ["PYTHONPATH"] = os.pathsep.join(p for p in [root, *paths] if p)
     safe = os.environ.get("PYTHONSAFEPATH")
-    # A folder `world` or `agents` where the user happens to be must not stand for ours.
+    # A folder `world` or `agents` in the user's working directory must not shadow ours.
     os.environ["PYTHONSAFEPATH"] = "1"
     # A program inherits the signals that are blocked. While they are blocked here, none is lost to this process either.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)

@@ -1,1 +1,1 @@
-"""The folder of one run: written while it goes on, read afterwards, compared with another's."""
+"""The folder of one run: written during the run, read afterwards, compared with that of another run."""

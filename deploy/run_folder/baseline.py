@@ -1,4 +1,4 @@
-"""What an earlier run tells a new one: the faults that befell it, and how long its search took."""
+"""What a new run takes from an earlier one: its faults, and its search times to compare with."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from bus.excerpt import shown
-from deploy.json_file import read_table
+from deploy.json_file import read_object
 from deploy.scenario.files import read_toml
 from deploy.scenario.tables import ScenarioError
 
@@ -24,7 +24,7 @@ _NO_MATTER = ("name", "description", "fault", "speed", "deadlines", "duration_s"
 
 
 def faults_of(folder: Path) -> list[dict[str, Any]]:
-    """Everything that acted in a run, by schedule or by hand, each as a scenario's [[fault]] has it.
+    """All faults that acted in a run, by schedule or by hand, each in the form of a scenario's [[fault]].
 
     Raises:
         ScenarioError: there is no such run, or it has not ended.
@@ -37,7 +37,7 @@ def faults_of(folder: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A run with which another is compared: of the same scenario and seed, without the fault."""
+    """A run of the same scenario and seed, without the fault, with which another run is compared."""
 
     folder: Path
     search_time_s: Mapping[str, float | None]
@@ -58,7 +58,7 @@ class Baseline:
         return cls(folder, _times_s(folder, summary))
 
     def lost_s(self, search_time_s: Mapping[str, float | None]) -> dict[str, float | None]:
-        """Search time beyond this baseline's, by cell and for `all`; None where either run did not get that far."""
+        """By cell and for `all`: search time beyond that of this run; None where either run did not search the cell."""
         lost: dict[str, float | None] = {}
         for name, took in search_time_s.items():
             before = self.search_time_s.get(name)
@@ -68,7 +68,7 @@ class Baseline:
 
 def _summary_of(folder: Path) -> dict[str, Any]:
     try:
-        return read_table(folder / "summary.json")
+        return read_object(folder / "summary.json")
     except ValueError as error:
         raise ScenarioError(str(error)) from None
 

@@ -14,7 +14,7 @@ from world.terms import TICK_S, UNREACHABLE, Cls, seconds_of
 __all__ = ["RATE", "Metrics"]
 
 RATE: Final = "search_rate_"
-"""What stands before the name of a search cell in the name of its column."""
+"""Prefix of the column of a search cell, before the cell's name."""
 
 _COLUMNS: Final = (
     "time_s", "robots_present", "robots_connected", "relays", "max_hops", "mean_hops", "scan_reports_merged",
@@ -24,7 +24,7 @@ _TICKS_PER_ROW: Final = round(1 / TICK_S)
 
 
 class Metrics:
-    """The file under way. It keeps the search rates in memory too, for a study's time series."""
+    """The file while it is written. The search rates stay in memory too, for the time series of a study."""
 
     def __init__(self, path: Path, cells: Sequence[str]) -> None:
         """Create the file, with a column for each search cell.
@@ -37,12 +37,12 @@ class Metrics:
         self._rows = csv.writer(self.file)
         self._rows.writerow([*_COLUMNS, *(RATE + cell for cell in cells)])
         self._second = -1
-        """Of the last row."""
+        """Simulated second of the last row."""
         self._time_s: list[float] = []
         self._rates: list[list[float]] = []
 
     def add(self, s: Snapshot) -> None:
-        """Take one tick in, in the order of ticks: the first of each second becomes a row."""
+        """Add a tick, in the order of ticks. The first of each second becomes a row."""
         second = s.tick // _TICKS_PER_ROW
         if second <= self._second:
             return
@@ -59,7 +59,7 @@ class Metrics:
         ])  # fmt: skip
 
     def series(self, step: int) -> dict[str, list[float]]:
-        """`time_s` and the search rate of each cell by its name, of every `step`-th row and the last."""
+        """Every `step`-th row and the last: `time_s`, and the search rate of each cell by its name."""
         last = len(self._time_s) - 1
         kept = [i for i in range(last + 1) if i % step == 0 or i == last]
         return {"time_s": [self._time_s[i] for i in kept]} | {

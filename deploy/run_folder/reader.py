@@ -1,4 +1,4 @@
-"""Reads back what a run left in its folder, for reports: nothing here trusts a file to be what it should be."""
+"""Reads the folder of a run, for reports. Any of its files may be damaged or missing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from deploy.json_file import read_table
+from deploy.json_file import read_object
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 from world.grid import GridGeometry
@@ -38,7 +38,7 @@ class MergedMap:
 
 @dataclass(frozen=True)
 class Run:
-    """One run as it lies in its folder."""
+    """One run, as its folder has it."""
 
     path: Path
     summary: dict[str, Any]
@@ -61,13 +61,13 @@ class Run:
         """Columns of the cells by the cell's name."""
         return {key.removeprefix(RATE): column for key, column in self.columns.items() if key.startswith(RATE)}
 
-    def table(self, key: str) -> dict[str, Any]:
-        """A table of the summary; empty if it is not known."""
+    def group(self, key: str) -> dict[str, Any]:
+        """A group of fields of the summary; empty if it is missing."""
         value = self.summary.get(key)
         return value if isinstance(value, dict) else {}
 
     def rows(self, key: str) -> list[dict[str, Any]]:
-        """A list of tables of the summary; empty if it is not known."""
+        """A list of groups of fields of the summary; empty if it is missing."""
         value = self.summary.get(key)
         return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
 
@@ -100,7 +100,7 @@ def _summary(path: Path) -> dict[str, Any]:
     if not path.exists():
         raise RunFilesError(f"{path}: not there: no run folder, or its run has not ended")
     try:
-        summary = read_table(path)
+        summary = read_object(path)
     except ValueError as error:
         raise RunFilesError(str(error)) from None
     if "status" not in summary:
@@ -136,7 +136,7 @@ def _number(text: str | None) -> float | None:
 
 
 def _events(path: Path) -> Iterator[dict[str, Any]]:
-    """Lines that are events; the last one may be cut off if the run was killed."""
+    """The lines that are events. The last one of a killed run may be cut off."""
     if not path.exists():
         return
     for line in _text(path).splitlines():
@@ -159,11 +159,11 @@ def _scenario(path: Path) -> tuple[str, Scenario | None]:
 
 
 def _map(path: Path) -> MergedMap | None:
-    """The map; None if the run left none, as when its station was lost."""
+    """The merged map; None if the run left none, as when its station was lost."""
     if not path.exists():
         return None
     try:
-        # Its image lies beside it: a report never reads other folders for it.
+        # The image lies beside the YAML file: a report reads no other folder.
         return MergedMap(*read_map(path, f"{path.stem}.pgm"))
     except ValueError as error:
         raise RunFilesError(str(error)) from None

@@ -21,7 +21,7 @@ Finals = Mapping[str, Mapping[str, Any]]
 
 
 class Progress:
-    """What the snapshots tell: it stands in for the last counts of a process that was lost."""
+    """Counts from snapshots. They replace the last counts of a process that was lost."""
 
     def __init__(self, cells: Sequence[str]) -> None:
         self.latest: Snapshot | None = None
@@ -30,11 +30,11 @@ class Progress:
         self.search_rate = dict.fromkeys(cells, 0.0)
         """By search cell."""
         self.search_time_s: dict[str, float | None] = dict.fromkeys([*cells, "all"], None)
-        """By search cell, and for `all`; None where it is not searched yet."""
+        """By search cell, and for `all`; None while it is not searched."""
         self._cells = cells
 
     def add(self, s: Snapshot) -> None:
-        """Take one tick in, in the order of ticks; some may be missing."""
+        """Add a tick, in the order of ticks; some may be missing."""
         unchanged = self.latest is not None and s.search_rate == self.latest.search_rate
         self.latest = s
         self.connectivity.add(s)
@@ -61,9 +61,9 @@ def summary_of(
     Args:
         scenario: of the run.
         progress: after the last snapshot.
-        finals: a process that is missing leaves what the snapshots tell, or nulls.
+        finals: where those of a process are missing, the summary has what the snapshots tell, or null.
         wall_s: how long the run took.
-        status: overrules the world's word, as when the world was lost.
+        status: replaces the status of the world, as when the world was lost.
     """
     world, medium, station = (finals.get(name, {}) for name in ("world", "medium", "station"))
     latest = progress.latest
@@ -112,7 +112,7 @@ def summary_of(
 
 
 def compare(summary: dict[str, Any], baseline: Baseline) -> None:
-    """Add what the faults cost: with one fault it is that fault's doing, with several only the sum is known."""
+    """Add the search time that the faults cost. Of several faults only the sum is known."""
     lost_s = baseline.lost_s(summary["search_time_s"])
     summary["compared_with"] = str(baseline.folder)
     summary["search_time_lost_s"] = lost_s
@@ -135,7 +135,7 @@ def _scan_reports(
 
 
 def _robots(s: Snapshot) -> list[dict[str, Any]]:
-    """Where the robots truly were, and their routes."""
+    """True position and route of each robot."""
     return [
         {
             "robot": int(s.nodes[row]),

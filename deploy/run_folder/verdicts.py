@@ -1,7 +1,7 @@
-"""The last word on every fault: the world's verdict, with what became of the scan reports that it held up.
+"""The final verdict on every fault: that of the world, with the fate of the scan reports that the fault delayed.
 
 The world knows which reports the orphans of a fault made while they had no path; the monitor station knows which of
-them it has. Neither knows both, so they are put together here, when the run is over.
+them it has. Neither knows both, so this module joins them after the run.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ __all__ = ["foreign_reports", "lost_reports", "settle", "verdict_on"]
 
 
 def verdict_on(of: int | str, events: Sequence[Event]) -> Callable[[Mapping[str, Any]], bool]:
-    """Whether a verdict, as the world tells it, is on what struck a node, or on a certain fault.
+    """Whether a verdict of the world is on a fault that struck a node, or on a certain fault.
 
     Args:
-        of: the node (4, "station"), or the fault as the command line has it, with its target as it was asked for
-            ("relay:mid") or as it was resolved.
+        of: the node (4, "station"), or the fault in the form of the command line, with its target as asked for
+            ("relay:mid") or as resolved.
         events: of the run; more of them may come in later.
 
     Raises:
@@ -50,7 +50,7 @@ def settle(
     acknowledged: Mapping[str, Sequence[int]],
     complete: Mapping[str, int] | None,
 ) -> list[dict[str, Any]]:
-    """Say for each fault what became of the scan reports that its orphans made while they were cut off.
+    """Add to each verdict the fate of the scan reports that the orphans of the fault made while they were cut off.
 
     Args:
         recoveries: the world's verdicts.
@@ -68,7 +68,7 @@ def settle(
 
 
 def lost_reports(acknowledged: Mapping[str, Sequence[int]], station: Mapping[str, Any]) -> int:
-    """Scan reports that are neither on the map nor with their living robot: 0 unless something is broken.
+    """Scan reports that are neither on the map nor with their living robot: 0 unless there is a defect.
 
     The MS may never have got them, or have taken something else under their number.
 
@@ -84,7 +84,7 @@ def lost_reports(acknowledged: Mapping[str, Sequence[int]], station: Mapping[str
 
 
 def foreign_reports(made: Mapping[str, int], station: Mapping[str, Any]) -> int:
-    """Scan reports that are on the map, but that no robot made: 0 unless one speaks in the name of another.
+    """Scan reports that are on the map, but that no robot made: 0 unless a robot sends in the name of another.
 
     Args:
         made: of each robot incarnation ("4/0"): how many reports it made, by its own count.

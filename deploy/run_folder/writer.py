@@ -1,6 +1,6 @@
-"""What a run leaves: summary.json, metrics.csv, events.jsonl and scenario.toml in one folder.
+"""Writes the folder of a run: summary.json, metrics.csv, events.jsonl and scenario.toml.
 
-Whoever runs the cores, in one process or in many, hands over the world's snapshots and events.
+The snapshots and events of the world come from the launcher, or from the run in one process.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["RunFolder"]
 
 
 class RunFolder:
-    """The files of one run; a context manager that closes them."""
+    """The files of one run. A context manager that closes them."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class RunFolder:
             raise ClaimError(f"{path}: can't write there: {error.strerror}") from error
 
     def snapshot(self, snapshot: Snapshot) -> None:
-        """Take one tick in, in the order of ticks; some may be missing."""
+        """Add a tick, in the order of ticks; some may be missing."""
         self._progress.add(snapshot)
         self.metrics.add(snapshot)
 
@@ -91,11 +91,11 @@ class RunFolder:
         """Write the summary and return it.
 
         Args:
-            finals: last counts of `world`, `medium` and `station`; one that is missing leaves nulls, but for the
-                station, whose journal has everything. The merged map is made from it then, too.
+            finals: last counts by process, as far as they have come in. The journal stands in for those of the station,
+                and the merged map is made from it, too.
             wall_s: how long the run took.
-            status: overrules the world's word, as when the world was lost.
-            failures: what went wrong, one line each. What could not be written comes after them.
+            status: replaces the status of the world, as when the world was lost.
+            failures: what went wrong, one line each. Files that could not be written come after them.
         """
         for name, file in ("metrics.csv", self.metrics.file), ("events.jsonl", self._events):
             file.flush()

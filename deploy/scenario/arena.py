@@ -1,4 +1,4 @@
-"""What a scenario's tables stand for on the ground: walls, station, search cells, victims, and where robots start."""
+"""The arena that a scenario describes: walls, station, search cells, victims, and the starts of the robots."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ START_MIN_M: Final = 1.0
 START_MAX_M: Final = 3.0
 SAFETY_M: Final = 3.0
 CLEAR_M: Final = 1.0
-"""Between a station that nobody placed and the walls, where there is so much room."""
+"""Distance from the walls to a station without a given position, where there is so much room."""
 MOST_RANGE_CELLS: Final = 1000
-"""The world and every robot keep tables of all cells within range of a lidar."""
+"""World and robots keep data on all cells within the range of a lidar."""
 
 
 @dataclass(frozen=True)
 class Arena:
-    """The resolved floor plan and everybody's places in it."""
+    """The resolved floor plan, with the places of station, robots and victims."""
 
     geometry: GridGeometry
     occupied: NDArray[np.bool_]
@@ -48,7 +48,7 @@ class Arena:
     unreachable: float
     """Share of the free floor that can't be reached from the station."""
     unreachable_of: tuple[float, ...]
-    """The same of each search cell: what it leaves out."""
+    """Share of the free floor of each search cell that can't be reached."""
 
 
 def survey(tables: Tables) -> Arena:
@@ -109,7 +109,7 @@ def _check_lidar(tables: Tables, geometry: GridGeometry) -> None:
 
 
 def _station(tables: Tables, parts: NDArray[np.int32], geometry: GridGeometry) -> Point:
-    """Where the scenario says; else in the largest part of the floor, clear of walls, nearest to the middle."""
+    """The given position; else, in the largest part of the floor, the place clear of walls nearest to the middle."""
     wanted = tables.station.position_m
     if wanted is not None:
         if not _free(parts == 0, geometry, wanted):
@@ -225,7 +225,7 @@ def _spread(
 def _victims(
     tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, cells: tuple[SearchCell, ...]
 ) -> NDArray[np.float64]:
-    """(v, 2) explicit places, or seeded cell centers, no two in one grid cell of a search cell."""
+    """(v, 2) the given places, or seeded centers of grid cells, no two alike in a search cell."""
     for i, place in enumerate(tables.victims.positions_m, 1):
         if not _free(occupied, geometry, place):
             raise ScenarioError(f"victims.positions_m[{i}] = {place[0]:g}, {place[1]:g} is inside a wall")

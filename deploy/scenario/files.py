@@ -1,4 +1,4 @@
-"""Where scenarios come from: those of the emulator, files of the user, and `KEY=VALUE` of a command line."""
+"""Sources of scenarios: those of the emulator, files of the user, and `KEY=VALUE` of a command line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def names() -> list[str]:
 
 
 def parse_set(text: str) -> tuple[str, Any]:
-    """Read KEY=VALUE, such as radio.loss=0.1; VALUE as in TOML, or a bare word as text.
+    """Read KEY=VALUE, such as radio.loss=0.1. VALUE is as in TOML; a bare word is text.
 
     Raises:
         ScenarioError: it is not of that form.
@@ -83,7 +83,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(str(error)) from None
     try:
         return copy.deepcopy(_parsed(text))
-    except (ValueError, RecursionError) as error:  # ValueError also of a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # ValueError is also that of a number with thousands of digits
         what = "nested too deeply" if isinstance(error, RecursionError) else shown(error, 120)
         raise ScenarioError(f"{shown(path)}: not TOML: {what}") from None
 

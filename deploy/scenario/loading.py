@@ -1,4 +1,4 @@
-"""Loads a scenario: what its file says, what the command line overrides, and what the policy has as defaults."""
+"""Loads a scenario from its file, the overrides of the command line, and the defaults of the policy."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
     Args:
         source: name of a scenario in deploy/scenarios, path of a .toml file, or path of a ROS map's .yaml file.
         overrides: values by dotted key, such as {"radio.loss": 0.1}, put in before anything is checked. Those of
-            "fault" are added to the scenario's own: a list of tables, of texts as the command line has them, or of
-            `Fault`.
+            "fault" are added to the scenario's own: a list of tables, of texts in the form of the command line, or
+            of `Fault`.
         own_faults: False leaves out the faults that the source itself has.
 
     Raises:
@@ -58,7 +58,7 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
 
 
 def _apply_policy(raw: dict[str, Any]) -> None:
-    """Check the policy's name, and let its own defaults stand wherever the scenario says nothing.
+    """Check the policy's name, and fill in its defaults for keys that the scenario does not have.
 
     Raises:
         ScenarioError: there is no such policy.
@@ -72,29 +72,29 @@ def _apply_policy(raw: dict[str, Any]) -> None:
         raise ScenarioError(f"policy = '{shown(name)}': {shown(error, 150)}") from None
     for key, value in defaults.items():
         *tables, last = key.split(".")
-        place: Any = raw
+        inner: Any = raw
         for table in tables:
-            place = place.setdefault(table, {}) if isinstance(place, dict) else None
-        if isinstance(place, dict):
-            place.setdefault(last, value)
+            inner = inner.setdefault(table, {}) if isinstance(inner, dict) else None
+        if isinstance(inner, dict):
+            inner.setdefault(last, value)
 
 
 def _put(raw: dict[str, Any], key: str, value: Any) -> None:
     *tables, last = key.split(".")
-    place: Any = raw
+    inner: Any = raw
     for i, table in enumerate(tables):
-        place = place.setdefault(table, {})
-        if not isinstance(place, dict):
+        inner = inner.setdefault(table, {})
+        if not isinstance(inner, dict):
             what = shown(".".join(tables[: i + 1]))
             raise ScenarioError(f"cannot set '{shown(key)}', since '{what}' is no table of single keys")
     if key == "speed" and isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
-    place[last] = value
+    inner[last] = value
 
 
 def _with_faults(tables: Tables, more: Any) -> Tables:
-    """The tables with further faults after their own, whichever way each is written."""
+    """The tables with further faults after their own."""
     if not isinstance(more, list | tuple):
         raise ScenarioError(f"fault = {shown(more)}: expected a list of faults")
     faults = list(tables.fault)
@@ -109,7 +109,7 @@ def _with_faults(tables: Tables, more: Any) -> Tables:
 
 
 def _check(tables: Tables) -> None:
-    """What no field can say alone."""
+    """Check what depends on several fields."""
     check_name(tables.name)
     try:
         tables.rules.check()

@@ -1,4 +1,4 @@
-"""A scenario that fits together, and what it tells each process of a run."""
+"""A checked scenario, and the configs that follow from it for the processes of a run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["Scenario"]
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario that fits together: its tables, and the arena that they stand for."""
+    """A checked scenario: its tables, and the arena that they describe."""
 
     tables: Tables
     arena: Arena
@@ -61,7 +61,7 @@ class Scenario:
 
     @property
     def remark(self) -> str:
-        """What of the floor can't be reached, in a line to be read before the run; empty if all can."""
+        """One line, shown before the run, on the floor that can't be reached; empty if all of it can."""
         arena = self.arena
         if not arena.unreachable:
             return ""
@@ -98,7 +98,7 @@ class Scenario:
         return MediumConfig(tables.seed, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
 
     def robot_config(self, node: int) -> RobotConfig:
-        """What robot `node` knows before it starts; for the station's own node see `station_config`."""
+        """What robot `node` knows before it starts; `station_config` has the station."""
         tables, arena, radio = self.tables, self.arena, self.tables.radio
         noisy = radio.model == "log_distance" and radio.shadowing_db > 0
         return RobotConfig(
@@ -152,7 +152,7 @@ def _percent(share: float) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """TOML types: lists for tuples, and nothing for None."""
+    """The value in types of TOML: tuples become lists; keys whose value is None are left out."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items() if item is not None}
     if isinstance(value, list | tuple):

@@ -1,7 +1,7 @@
-"""The tables of a scenario file, and what is wrong with one that does not fit them, in one line.
+"""The tables of a scenario file, and the one-line errors of a file that does not fit them.
 
-Where a table is a process's own business, it *is* that process's config dataclass: `[lidar]`, `[radio]`, `[rules]`
-and `[[fault]]` are checked against the bounds that their owners wrote beside the fields.
+A table that concerns one process *is* the config dataclass of that process. So `[lidar]`, `[radio]`, `[rules]` and
+`[[fault]]` are checked against the bounds beside the fields of their owners.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Rectangle: TypeAlias = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be run; the message is one line that names the place and what would be right."""
+    """A scenario that can't be run. The message is one line that names the key and what would be right."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class StationPlace:
 
 @dataclass(frozen=True)
 class Cell:
-    """A space whose reconnaissance is measured: the free cells of a rectangle that can be reached from the MS."""
+    """A space whose search is measured: the free grid cells of a rectangle that can be reached from the MS."""
 
     name: Annotated[str, MinLen(1), MaxLen(100)]
     rectangle_m: Rectangle
@@ -87,7 +87,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Victims:
-    """Who is to be found."""
+    """The victims to be found."""
 
     per_cell: Annotated[int, Ge(0), Le(MAX_CELLS)] = 3
     """Seeded places in each search cell, unless positions are given."""
@@ -96,7 +96,7 @@ class Victims:
 
 @dataclass(frozen=True)
 class Deadlines:
-    """Wall-clock patience, in seconds. None of it shows in a trace as long as nobody exceeds it."""
+    """Deadlines of wall time. They do not show in a trace unless one is exceeded."""
 
     hang_s: Positive = 2.0
     """A node silent for this long is left out."""
@@ -117,7 +117,7 @@ class Tables:
     floor_plan: FloorPlan
     description: str = ""
     policy: Annotated[str, MinLen(1)] = "vds"
-    """Who decides for a robot: vds (the paper's), scout, or module:Class."""
+    """The rules of the robots: vds (the paper's), scout, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
     radius_m: Positive = 20.0
     """r_t"""
@@ -139,7 +139,7 @@ class Tables:
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """A hint at the known name nearest to a mistaken one, ready to be appended; or what names there are."""
+    """A hint for the end of an error: the known name that is most like `name`, or all known names."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
 
@@ -154,7 +154,7 @@ def validate(raw: Mapping[str, Any]) -> Tables:
 
 
 def validate_fault(raw: Any, index: int) -> Fault:
-    """Check one [[fault]] by itself; `index`, from 0, is its place in the scenario's list.
+    """Check one [[fault]] by itself; `index`, from 0, is that in the scenario's list.
 
     Raises:
         ScenarioError: as `validate`.
@@ -169,7 +169,7 @@ _FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
 
 def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...]) -> T:
     _refuse_unknown(raw, kind, path)
-    # In JSON a list may stand for a tuple, so that everything else can be strict: no "9" for 9, no true for 1.
+    # JSON knows no tuples, so with it pydantic takes lists for them and can be strict: no "9" for 9, no true for 1.
     try:
         text = json.dumps(raw, default=str)
     except ValueError:
@@ -181,7 +181,7 @@ def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str |
 
 
 def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
-    """Look for keys that no dataclass has, along the type hints; wrong types are left to pydantic."""
+    """Refuse keys that no dataclass has, along the type hints; pydantic finds wrong types."""
     kind = _dataclass_in(hint)
     if kind is None:
         return
@@ -193,13 +193,13 @@ def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
     hints = get_type_hints(kind, include_extras=True)
     for key, value in raw.items():
         if key not in hints:
-            place = f" in [{_dotted(path)}]" if path else ""
-            raise ScenarioError(f"unknown key '{shown(key)}'{place}, {nearest(key, list(hints))}")
+            where = f" in [{_dotted(path)}]" if path else ""
+            raise ScenarioError(f"unknown key '{shown(key)}'{where}, {nearest(key, list(hints))}")
         _refuse_unknown(value, hints[key], (*path, key))
 
 
 def _dataclass_in(hint: Any) -> Any:
-    """The dataclass that a hint is, or a tuple or union of it holds."""
+    """The dataclass that a type hint is, or that it has in a tuple or union; None if there is none."""
     if dataclasses.is_dataclass(hint):
         return hint
     if get_origin(hint) is Annotated:
@@ -210,32 +210,32 @@ def _dataclass_in(hint: Any) -> Any:
 
 
 def _first(error: ValidationError, raw: Any, path: tuple[str | int, ...]) -> str:
-    """The first mistake that pydantic found in the raw value at `path`, in one line."""
+    """One line on the first error that pydantic found in the raw value at `path`."""
     errors = error.errors(include_url=False)
-    places = [(*path, *_place(item["loc"], raw)) for item in errors]
+    paths = [(*path, *_keys_to(item["loc"], raw)) for item in errors]
     messages: list[str] = []
-    for item, place in zip(errors, places, strict=True):
+    for item, where in zip(errors, paths, strict=True):
         message = "is missing" if item["type"] == "missing" else item["msg"].replace("Input should", "should")
         message = message.replace("an object", "a table")
-        if place == places[0] and message not in messages:
+        if where == paths[0] and message not in messages:
             messages.append(message)
     what = " or ".join(messages)
     if errors[0]["type"] == "missing":
-        return f"{_dotted(places[0])} {what}"
-    return f"{_dotted(places[0])} = {shown(repr(errors[0]['input']))}: {what}"
+        return f"{_dotted(paths[0])} {what}"
+    return f"{_dotted(paths[0])} = {shown(repr(errors[0]['input']))}: {what}"
 
 
-def _place(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
-    """The part of pydantic's location that the file has too: it adds the members of a union."""
-    place: list[str | int] = []
+def _keys_to(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
+    """The keys of the file that lead to pydantic's location, which also names members of unions."""
+    keys: list[str | int] = []
     for part in loc:
         if isinstance(raw, Mapping) and isinstance(part, str):
-            place.append(part)
+            keys.append(part)
             raw = raw.get(part)
         elif isinstance(raw, list) and isinstance(part, int):
-            place.append(part)
+            keys.append(part)
             raw = raw[part] if part < len(raw) else None
-    return tuple(place)
+    return tuple(keys)
 
 
 def _dotted(path: Sequence[str | int]) -> str:

@@ -1,4 +1,4 @@
-"""A run as a table on a terminal, drawn in place."""
+"""A run as a table on a terminal, redrawn at the same spot."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _STYLES: Final = tuple(f"rgb({red},{green},{blue})" for red, green, blue in pale
 
 
 class LiveTable:
-    """A table that is drawn in place, at most twice a second."""
+    """A view that redraws its table at most twice a second."""
 
     def __init__(self, console: Console, cells: Sequence[str], tallest: int = 40) -> None:
         self._cells = cells
         self._tallest = tallest
         self._clock = Clock()
         self._pids: Mapping[str, int] | None = None
-        """None in one process, where nobody has a pid of his own."""
+        """None in one process, where robots have no pid."""
         self._displayed = DisplayedStates()
         self._latest: Snapshot | None = None
         self._states: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -76,7 +76,7 @@ class LiveTable:
 
     def _draw(self) -> None:
         if self._latest is not None:
-            # Not before there is something to show: an empty place would leave an empty line after every line above.
+            # Not before there is something to show: an empty table would leave an empty line after every line above it.
             if not self._live.is_started:
                 self._live.start()
             self._live.update(self._render(self._latest), refresh=True)
@@ -105,7 +105,7 @@ class LiveTable:
 
 
 def _blame(phases: Mapping[str, Mapping[str, float]]) -> list[Text]:
-    """Where the time of the ticks goes: one line for each kind of process, waiting left to the end."""
+    """Shares of the time of ticks by phase, one line for each kind of process; waiting comes last."""
     kinds: dict[str, dict[str, float]] = {}
     for process, spent_s in phases.items():
         kind = kinds.setdefault(process.partition("-")[0], {})

@@ -32,7 +32,7 @@ def has_display(environment: Mapping[str, str], platform: str = sys.platform) ->
 
 
 def viewer_command(rerun: str, port: int, web_port: int | None) -> list[str]:
-    """What starts the viewer of the run that is served on `port`; as a page on `web_port`, or None = as a window."""
+    """Command of a viewer of the run that is served on `port`: a page on `web_port`, or a window if that is None."""
     source = f"rerun+http://127.0.0.1:{port}/proxy"
     if web_port is None:
         return [rerun, "--port", "auto", "--bind", "127.0.0.1", source]
@@ -40,10 +40,10 @@ def viewer_command(rerun: str, port: int, web_port: int | None) -> list[str]:
 
 
 class LiveViewer:
-    """Starts the viewer once the run is served. A context manager: on leaving, the page ends, a window stays open."""
+    """Starts the viewer once the run is served. A context manager: on leaving, a page ends, a window stays open."""
 
     def __init__(self, port: int, web_port: int | None, log: Path, say: Callable[[str], None]) -> None:
-        """Nothing starts before the context is entered.
+        """Prepare; nothing starts before the context is entered.
 
         Args:
             port: where the station will serve the recording.
@@ -59,7 +59,7 @@ class LiveViewer:
 
     @property
     def pid(self) -> int | None:
-        """Of the viewer, once it has started."""
+        """Process id of the viewer; None before it has started."""
         return None if self._process is None else self._process.pid
 
     def __enter__(self) -> Self:
@@ -87,7 +87,7 @@ class LiveViewer:
             return
         self._log.parent.mkdir(parents=True, exist_ok=True)
         with self._log.open("wb") as log:
-            # Its own session: Ctrl-C in the terminal is for the run.
+            # A session of its own, so that Ctrl-C in the terminal reaches the run only.
             self._process = subprocess.Popen(
                 viewer_command(rerun, self._port, self._web_port),
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
@@ -106,7 +106,7 @@ class LiveViewer:
 
 
 def _rerun() -> str | None:
-    """Rerun's own program: the command `rerun` is a Python script around it, which would not hand on a signal."""
+    """Path of Rerun's own program: the command `rerun` is a Python script that would not pass on a signal to it."""
     package = importlib.util.find_spec("rerun_cli")
     for folder in (package.submodule_search_locations or ()) if package else ():
         for name in ("rerun", "rerun.exe"):

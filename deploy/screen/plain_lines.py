@@ -1,4 +1,4 @@
-"""A run as plain lines, where there is no terminal."""
+"""A run as plain lines, for output that is no terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["PlainLines"]
 
 
 class PlainLines:
-    """Lines for a log: each event, and a progress line at every tenth of the search."""
+    """A view that prints each event, and a line of progress at every tenth of the search."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

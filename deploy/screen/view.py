@@ -1,4 +1,4 @@
-"""Whoever shows a run to a person is a `View`; this is what they share."""
+"""`View`, the interface of all that shows a run to a person, and what its implementations share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Clock", "Silence", "View", "worth_a_line"]
 
 
 class View(Protocol):
-    """Somebody to show a run to. Called from one thread."""
+    """Shows a run to a person. All calls come from one thread."""
 
     def processes(self, pids: Mapping[str, int]) -> None:
         """Living processes by name, whenever they change."""
@@ -35,7 +35,7 @@ class View(Protocol):
 
 
 class Silence:
-    """Shows nothing."""
+    """A view that shows nothing."""
 
     def processes(self, pids: Mapping[str, int]) -> None: ...
     def snapshot(self, snapshot: Snapshot) -> None: ...
@@ -46,12 +46,12 @@ class Silence:
 
 
 def worth_a_line(event: Event) -> bool:
-    """Not changes of class, which a table shows, nor the first routes, which every robot finds as the run begins."""
+    """Whether to print an event: not changes of class, nor the first routes, which all robots find at the start."""
     return event.kind != "role" and not (event.kind == "link" and event.tick <= 1)
 
 
 class Clock:
-    """Simulated time against wall time since the first snapshot."""
+    """Compares simulated time with wall time since the first snapshot."""
 
     def __init__(self) -> None:
         self._begun: float | None = None

@@ -1,1 +1,1 @@
-"""Studies: many runs of one scenario along axes, from the plan to the tables, statistics and plots."""
+"""Studies: many runs of one scenario along axes, from the plan to results, statistics and plots."""

@@ -21,8 +21,8 @@ from world.terms import STATION
 __all__ = ["Bounds", "bounds_of"]
 
 _SWEEP_S: Final = (0.0, 40.0)
-"""What it takes beyond the straight walk to see the last corner: nothing, if enough robots share the rooms; 25 to 40 s
-as an independent prototype measured it."""
+"""Search time beyond the straight walk until the last corner is seen: none if enough robots share the rooms; an
+independent prototype measured 25 to 40 s."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,23 @@ class Bounds:
 
     @property
     def t_low_s(self) -> tuple[float, float]:
-        """T_low, from and to: a lone robot that walks straight to where it sees the farthest point, plus the sweep.
+        """T_low, from and to: one robot walks straight to where it sees the farthest point, then sweeps the rooms.
 
-        Nobody can be faster than the walk, but for the few metres from the MS at which robots start; what the sweep
-        takes depends on the rooms and on how many share them, so this is a band.
+        No robot is faster than the walk, except by the few metres from the MS at which it starts. The sweep depends on
+        the rooms and on how many robots share them, so this is a band.
         """
         walk_s = (self.farthest_m - self.lidar_m) / self.speed_m_s
         return walk_s + _SWEEP_S[0], walk_s + _SWEEP_S[1]
 
     @property
     def t_low_mid_s(self) -> float:
-        """Middle of the band, the reference for "within so many per cent of T_low"."""
+        """Middle of the band. Claims such as "within 15 % of T_low" are about it."""
         return sum(self.t_low_s) / 2
 
     def r_low_m(self, robots: int) -> float:
-        """r_low: N robots in a chain along the path, each link as long as inner link recovery allows, r_in.
+        """r_low: N robots form a chain along the path, each link as long as inner link recovery allows, r_in.
 
-        The last robot sees one lidar range farther, and the chain gains up to one link more at its head.
+        The last robot sees farther by the range of its lidar, and the chain gains up to one link at its head.
         """
         return (self.farthest_m - self.lidar_m) / (self.r_in_share * (robots + 1))
 
@@ -66,9 +66,9 @@ def bounds_of(scenario: Scenario) -> Bounds:
 
 
 def _farthest_m(scenario: Scenario) -> float:
-    """Longest of the shortest paths from the MS to the search cells, pulled taut around the corners.
+    """Longest of the shortest paths from the MS to the search cells, straightened from corner to corner.
 
-    A robot that knew all of the floor plan would walk them, so they are searched as robots search.
+    A robot that knew all of the floor plan would walk them, so the robots' own planner finds them.
     """
     arena = scenario.arena
     known = OwnMap(scenario.robot_config(STATION))
@@ -76,13 +76,13 @@ def _farthest_m(scenario: Scenario) -> float:
     reach = Planner(known).reach(arena.geometry.index(*arena.station_m))
     cells = np.concatenate([cell.cells for cell in arena.search_cells])
     cells = cells[np.isfinite(reach.lengths_m(cells))]
-    # The grid's own lengths are up to 8 % too long, by direction: several far corners are pulled taut.
+    # Lengths over the grid are up to 8 % too long, depending on direction, so several far cells are tried.
     far = cells[np.argsort(reach.lengths_m(cells))[-400:]]
     return max(_taut_m(arena, reach.path(cell)) for cell in far.tolist())
 
 
 def _taut_m(arena: Arena, path: list[int]) -> float:
-    """Length of a path from the MS, with every stop left out that is not needed to see past the walls."""
+    """Length of a path from the MS, without the cells that can be cut short in a straight line of sight."""
     places = arena.geometry.centers(np.array([*reversed(path), arena.geometry.index(*arena.station_m)]))
     length_m, at = 0.0, 0
     while at < len(places) - 1:

@@ -1,6 +1,6 @@
 """A study: one scenario, axes along which it is varied, named variants of it, and what is drawn of the results.
 
-Everything is checked before the first run: a study whose hundredth point does not fit together never starts.
+All of it is checked before the first run: a study whose hundredth point is no valid scenario does not start.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Discard:
     cell: str
     before: str
     onset_rate: Annotated[float, Gt(0), Le(1)] = 0.1
-    """A run that finishes neither cell counts by the one whose search rate first reaches this share."""
+    """Of a run that finishes neither cell, the first is the one whose search rate first reaches this share."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Variant:
     set: dict[str, Any] = field(default_factory=dict)
     """Scenario keys, dotted or nested."""
     axes: dict[str, Any] = field(default_factory=dict)
-    """Axes of this variant, in place of the study's of the same name."""
+    """Axes of this variant. They replace those of the study of the same name."""
     against: str | None = None
-    """Variant that the report compares this one with: the study's first unless said, none if empty."""
+    """Variant with which the report compares this one. None: the first of the study; empty: none."""
     why: str = ""
     """What this variant shows, for the report."""
 
@@ -72,10 +72,10 @@ class Study:
     set: dict[str, Any] = field(default_factory=dict)
     """Overrides of the scenario for all runs."""
     axes: dict[str, Any] = field(default_factory=dict)
-    """By scenario key: a list of values, or "1..10" for whole numbers. All combinations are run. An axis of tables
-    varies several keys together, under a name of its own: fleet = [{robots = 6, radius_m = 12.0}, ...]."""
+    """By scenario key: a list of values, or "1..10" for whole numbers. All combinations are run. An axis whose values
+    are tables varies several keys together; its name is free: fleet = [{robots = 6, radius_m = 12.0}, ...]."""
     quick: dict[str, Any] = field(default_factory=dict)
-    """Axes as `--quick` has them, in place of those above."""
+    """Axes for `--quick`. They replace those above."""
     variant: tuple[Variant, ...] = ()
     discard: Discard | None = None
     series_step_s: Annotated[int, Ge(1)] = 1
@@ -92,7 +92,7 @@ class Point:
     toml: str
     """The scenario as resolved; `load` of it gives this run."""
     effort: float
-    """Expected work, in units that only compare."""
+    """Expected work in a unit without meaning: points can be compared."""
 
 
 def study_names() -> list[str]:
@@ -146,7 +146,7 @@ def points_of(study: Study) -> list[Point]:
 
 
 def _combinations(study: Study) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every variant's name with the overrides of each of its runs; the later of set, axes, variant wins."""
+    """Each run as the name of its variant and its overrides; a variant overrides axes, axes override `set`."""
     common = _flat(study.set)
     for variant in study.variant or (Variant(BASE),):
         axes = _flat(study.axes) | _flat(variant.axes)
@@ -161,7 +161,7 @@ def _combinations(study: Study) -> Iterator[tuple[str, dict[str, Any]]]:
 def _point(variant: str, scenario: Scenario) -> Point:
     toml = scenario.to_toml()
     key = hashlib.sha256(f"{variant}\n{toml}".encode()).hexdigest()[:16]
-    # A short radius takes long; how long exactly does not matter, the order does.
+    # A short radius takes long. Only the order matters.
     return Point(key, variant, toml, scenario.duration_s * scenario.robots / (1.0 + scenario.radius_m / 10.0))
 
 
@@ -184,8 +184,8 @@ def _validate(raw: Mapping[str, Any]) -> Study:
         return _ADAPTER.validate_python(dict(raw))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise ScenarioError(f"{place}: {first['msg'].replace('Input should', 'should')}") from None
+        where = ".".join(map(str, first["loc"]))
+        raise ScenarioError(f"{where}: {first['msg'].replace('Input should', 'should')}") from None
 
 
 _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
@@ -222,7 +222,7 @@ def _steps(key: str, given: Any) -> list[dict[str, Any]]:
 
 
 def _faults(given: Any) -> list[Any]:
-    """Faults of one run: one text, several, or none, written as the empty text."""
+    """The faults of one run from one text or a list of texts; the empty text stands for none."""
     return [fault for fault in (given if isinstance(given, list) else [given]) if fault != ""]
 
 

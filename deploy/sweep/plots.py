@@ -29,7 +29,7 @@ MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", ":", "-.")
 
 _DPI: Final = 150
-# Without the hash salt a picture would differ between two drawings of the same table.
+# Without a fixed salt, two drawings of the same results would differ.
 _STYLE: Final[Any] = {
     "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "vds", "svg.fonttype": "none",
 }  # fmt: skip
@@ -48,7 +48,7 @@ def draw(
 
     Args:
         study: says which kind of picture.
-        rows: of the results table.
+        rows: of the results.
         series: time series by key.
         bounds: r_low and T_low of the study's arena.
         folder: where the files go, named after the study.
@@ -133,11 +133,11 @@ class _Style:
     marker: str
     line: str
     none_at: float
-    """Height, as a share of the axes, at which radii stand that no run finished."""
+    """Height, as a share of the axes, of the marks of radii with which no run finished."""
 
 
 def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
-    """One N (and variant) of Fig. 7; points that not all runs finished are hollow, with how many did."""
+    """One N (and variant) of Fig. 7; a hollow point shows how many of its runs finished."""
     radii, means, halves = [], [], []
     color = style.color
     for radius_m in sorted({row["radius_m"] for row in rows}):
@@ -148,10 +148,10 @@ def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
             axis.plot(radius_m, style.none_at, marker="x", color=color, ls="", transform=axis.get_xaxis_transform())
             continue
         if len(times) < len(here):
-            place = (radius_m, found.mean)
-            axis.plot(*place, marker=style.marker, color=color, mfc="white", ls="", ms=7, zorder=3)
+            point = (radius_m, found.mean)
+            axis.plot(*point, marker=style.marker, color=color, mfc="white", ls="", ms=7, zorder=3)
             words = f"{len(times)}/{len(here)}"
-            axis.annotate(words, place, xytext=(5, 3), textcoords="offset points", color=color, fontsize=7)
+            axis.annotate(words, point, xytext=(5, 3), textcoords="offset points", color=color, fontsize=7)
         radii.append(radius_m)
         means.append(found.mean)
         halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
@@ -170,7 +170,7 @@ def _variants(study: Study, rows: Sequence[Row]) -> Figure:
         squeeze=False,
     )  # fmt: skip
     for axis, (robots, radius_m) in zip(axes[0], panels, strict=False):
-        for place, name in enumerate(names):
+        for row, name in enumerate(names):
             here = [r for r in shown if (r["robots"], r["radius_m"], r["variant"]) == (robots, radius_m, name)]
             times = [row[ALL] for row in here if row[ALL] is not None]
             found = estimate(times)
@@ -178,11 +178,11 @@ def _variants(study: Study, rows: Sequence[Row]) -> Figure:
             if times:
                 half = 0.0 if math.isnan(found.half_width) else found.half_width
                 axis.errorbar(
-                    found.mean, place, xerr=half, marker="o", mfc=COLORS[0] if complete else "white", color=COLORS[0],
+                    found.mean, row, xerr=half, marker="o", mfc=COLORS[0] if complete else "white", color=COLORS[0],
                     capsize=2.5,
                 )  # fmt: skip
             if here and not complete:
-                spot = (found.mean if times else 0.0, place)
+                spot = (found.mean if times else 0.0, row)
                 axis.annotate(f"{len(times)}/{len(here)}", spot, xytext=(4, 4), textcoords="offset points", fontsize=7)
         axis.set_title(f"N = {robots}, $r_t$ = {radius_m:g} m")
         axis.set_xlabel("search time of all cells (s)")

@@ -1,7 +1,7 @@
-"""The results of a study on disk: one tidy table, one of time series, and the exact scenario of every run.
+"""The results of a study on disk: one file of rows, one of time series, and the exact scenario of every run.
 
-A finished run is written to a file of its own at once, and the files are merged into the tables at the end: an
-end by `kill -9` loses nothing but the runs in progress. Files appear under their names only when they are complete.
+A finished run is written at once to a part, a file of its own, and the parts are merged at the end. So `kill -9` costs
+only the runs under way. Files appear under their names only when they are complete.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import IO, Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from deploy.json_file import read_table
+from deploy.json_file import read_object
 from deploy.run_folder.claim import explained, refuse_foreign, take_lock
 from deploy.sweep.plan import Point
 from deploy.sweep.row import ERROR, Finished
@@ -38,7 +38,7 @@ WALL_COLUMNS: Final = (
     "engine",
     "code",
 )
-"""Columns, or tables of columns, that may differ between two runs of one scenario."""
+"""Columns, or prefixes of columns before a dot, that may differ between two runs of one scenario."""
 
 LOCK: Final = "study.lock"
 _WRITTEN: Final = (
@@ -109,11 +109,11 @@ class Results:
                 write_whole(path, point.toml)
 
     def scenario_path(self, key: str) -> Path:
-        """`run_local.py --scenario` takes this file to repeat one run."""
+        """The file for `run_local.py --scenario` that repeats one run."""
         return self._scenarios / f"{key}.toml"
 
     def add(self, finished: Finished) -> None:
-        """Keep one finished run, durably."""
+        """Write one finished run to the disk."""
         text = json.dumps({"row": finished.row, "series": finished.series})
         write_whole(self._parts / f"{finished.row['key']}.json", text)
 
@@ -134,22 +134,22 @@ class Results:
             part.unlink()
 
     def note(self, facts: Mapping[str, Any]) -> None:
-        """Keep facts about the execution (command, machine, wall time), which are no part of any result."""
+        """Write facts on the execution (command, machine, wall time), which are no part of a result."""
         write_whole(self.folder / "study.json", json.dumps(facts, indent=1) + "\n")
 
     def noted(self) -> dict[str, Any]:
-        """What `note` kept; empty if nothing yet."""
+        """The facts that `note` wrote; empty if there are none."""
         try:
-            return read_table(self.folder / "study.json")
+            return read_object(self.folder / "study.json")
         except ValueError:
             return {}
 
     def _read_parts(self) -> list[dict[str, Any]]:
-        """Runs that are not in the tables yet. A damaged file is none: its run is run again."""
+        """The parts. A damaged one does not count, so its run is run again."""
         parts = []
         for path in sorted(self._parts.glob("*.json")):
             with contextlib.suppress(ValueError):
-                part = read_table(path)
+                part = read_object(path)
                 row, series = part.get("row"), part.get("series")
                 if isinstance(row, dict) and isinstance(row.get("key"), str) and isinstance(series, dict):
                     parts.append(part)
@@ -157,7 +157,7 @@ class Results:
 
 
 def differences(left: Iterable[Row], right: Iterable[Row]) -> list[str]:
-    """Where runs that both tables have differ, one line each; wall-time columns aside."""
+    """The differences of runs that both have, one line each, without columns of wall time."""
     others = {row["key"]: row for row in right}
     lines = []
     for row in left:
@@ -179,7 +179,7 @@ def _columns(rows: list[Row]) -> list[str]:
 
 
 def _array(values: list[Any]) -> Any:
-    """A column; of mixed types, such as "max" and 2.0, as text."""
+    """A column; values of mixed types, such as "max" and 2.0, become text."""
     try:
         return pa.array(values)
     except (pa.ArrowInvalid, pa.ArrowTypeError):

@@ -1,6 +1,6 @@
-"""One run of a study, wherever it is executed: from a scenario's text to a row of the table and its time series.
+"""One run of a study, on any machine: from the text of a scenario to a row of the results and time series.
 
-A worker needs nothing but this package: the text comes with the task, and what it finds goes back with the result.
+A worker needs only this package: the text comes with the task, row and series return as its result.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ __all__ = ["ERROR", "Engine", "Finished", "code_version", "columns_of", "failed_
 Engine = Literal["in-process", "processes"]
 
 ERROR: Final = "error"
-"""Status of a run that ended by an exception; column `error` has its words."""
+"""Status of a run that ended by an exception; column `error` has its text."""
 
 _LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
-"""Tables of a scenario that are no columns: the floor plan, and what can't change a result."""
+"""Keys of a scenario that are no columns: the floor plan, and what can't change a result."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """What a run left."""
+    """The result of a run."""
 
     row: dict[str, Any]
-    """Parameters and summary fields by column; nested tables dotted, lists as JSON text."""
+    """Parameters and fields of the summary by column; keys within keys are dotted, lists are JSON text."""
     series: dict[str, list[float]]
     """`time_s`, and the search rate of each cell by its name: one value per step."""
 
 
 def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: int) -> Finished:
-    """Run a scenario to its end. Whatever goes wrong is recorded in the row instead of raised."""
+    """Run a scenario to its end. An exception becomes a row, too."""
     begun = time.monotonic()
     try:
-        with tempfile.TemporaryDirectory(prefix="vds-study-") as place:
-            return _run(key, variant, toml, engine, series_step_s, Path(place))
+        with tempfile.TemporaryDirectory(prefix="vds-study-") as temporary:
+            return _run(key, variant, toml, engine, series_step_s, Path(temporary))
     except Exception as error:  # one bad run must not end a study of hundreds
         traceback.print_exc()
         row = failed_row(key, variant, toml, engine, f"{type(error).__name__}: {error}")
@@ -57,16 +57,19 @@ def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: 
 
 
 def failed_row(key: str, variant: str, toml: str, engine: Engine, words: str) -> dict[str, Any]:
-    """The row of a run that came to no summary."""
+    """The row of a run without a summary."""
     return {**_head(key, variant, toml, engine), "status": ERROR, "error": words}
 
 
-def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, place: Path) -> Finished:
-    source = place / "scenario.toml"
+def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, temporary: Path) -> Finished:
+    source = temporary / "scenario.toml"
     source.write_text(toml, encoding="utf-8")
     scenario = load(source)
-    with RunFolder(place / f"study-{key}", scenario) as folder:
-        summary = _in_process(scenario, folder) if engine == "in-process" else _with_processes(scenario, folder, place)
+    with RunFolder(temporary / f"study-{key}", scenario) as folder:
+        if engine == "in-process":
+            summary = _in_process(scenario, folder)
+        else:
+            summary = _with_processes(scenario, folder, temporary)
     row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": None}
     if summary["failures"]:
         row |= {"status": ERROR, "error": str(summary["failures"][0])}
@@ -78,15 +81,15 @@ def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
     return folder.finish(result.finals, result.wall_s)
 
 
-def _with_processes(scenario: Scenario, folder: RunFolder, place: Path) -> dict[str, Any]:
+def _with_processes(scenario: Scenario, folder: RunFolder, temporary: Path) -> dict[str, Any]:
     from bus.session import local_endpoint
+    from deploy.machine.limits import allow_files
     from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
-    from deploy.processes.limits import allow_files
     from deploy.screen.view import Silence
 
     allow_files(scenario.robots)
-    fleet = Fleet(scenario, folder.path, local_endpoint(place, scenario.robots), record=False)
+    fleet = Fleet(scenario, folder.path, local_endpoint(temporary, scenario.robots), record=False)
     return Launcher(fleet, folder, Silence()).run().summary
 
 
@@ -105,7 +108,7 @@ def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
 
 @functools.cache
 def code_version() -> str:
-    """Digest of the modules that decide a run's result, as they are on this machine: the same when compiled."""
+    """Digest of the sources that decide a run's result, on this machine; the same for the compiled form."""
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parent.parent.parent
     for package in ("world", "medium", "agents", "monitor_station"):
@@ -115,7 +118,7 @@ def code_version() -> str:
 
 
 def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested table as one row: `{"frames": {"sent": 3}}` becomes `{"frames.sent": 3}`."""
+    """Nested fields as one row: `{"frames": {"sent": 3}}` becomes `{"frames.sent": 3}`."""
     row: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):
@@ -126,13 +129,13 @@ def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def one_thread() -> None:
-    """Keep numerical libraries from starting threads: a study has a process per core already."""
+    """Keep numerical libraries from starting threads, since a study has a process per core."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 
 def end_with(lifeline: Any) -> None:
-    """End this process as soon as nobody holds the other end of a pipe any more. Runs in a thread of a worker."""
+    """End this process once the other end of a pipe is closed. Runs in a thread of a worker."""
     with contextlib.suppress(EOFError, OSError):
         lifeline.recv()
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What the figures are made of: means with confidence intervals, and the runs that a figure leaves out.
+"""Statistics of the figures: means with confidence intervals, and the runs that a figure leaves out.
 
 Rows are those of `deploy.sweep.results.Results`; a run is complete when all its cells were searched.
 """
@@ -34,7 +34,7 @@ class Estimate:
     n: int
     mean: float
     half_width: float
-    """The interval is mean +- half_width; not a number for fewer than two values."""
+    """The interval is mean +- half_width; NaN for fewer than two values."""
     sd: float
     """Standard deviation of the sample (n - 1)."""
 
@@ -76,12 +76,12 @@ def ratio(pairs: Sequence[tuple[float, float]]) -> Estimate:
 
 
 def usable(rows: Iterable[Row]) -> list[Row]:
-    """Rows of runs that ended by themselves."""
+    """Rows of runs that neither failed nor were interrupted."""
     return [row for row in rows if row["status"] not in (ERROR, "failed", "interrupted")]
 
 
 def goes_first(row: Row, series: Mapping[str, Sequence[float]], rule: Discard) -> str | None:
-    """Which of the two cells of a discard rule a run searched first; None if neither.
+    """Which of the two cells of a discard rule a run searched first; None if it began neither.
 
     The one that was finished first; if neither was, the one whose search rate first reached `onset_rate`.
     """
@@ -96,7 +96,7 @@ def goes_first(row: Row, series: Mapping[str, Sequence[float]], rule: Discard) -
 
 
 def kept(rows: Iterable[Row], series: Mapping[str, Mapping[str, Sequence[float]]], rule: Discard | None) -> list[Row]:
-    """The runs that a figure shows: all but those that search the rule's `cell` first."""
+    """The runs that a figure shows: all usable ones but those that search the rule's `cell` first."""
     rows = usable(rows)
     return rows if rule is None else [row for row in rows if goes_first(row, series[row["key"]], rule) != rule.cell]
 
@@ -122,7 +122,7 @@ def mean_rates(series: Sequence[Mapping[str, Sequence[float]]], cell: str, until
 
 
 def _stretched(of_run: Mapping[str, Sequence[float]], cell: str, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A run's rate at each time: the last value known by then."""
+    """The rate of a run at each time: the last value up to then."""
     at = np.searchsorted(np.asarray(of_run["time_s"]), time_s, side="right") - 1
     rates = np.asarray(of_run[cell], np.float64)
     return np.where(at >= 0, rates[np.maximum(at, 0)], 0.0)

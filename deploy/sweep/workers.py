@@ -1,6 +1,6 @@
-"""Runs of a study through the `concurrent.futures` interface: processes of this machine, or a Dask cluster.
+"""Executes the runs of a study by `concurrent.futures`: on processes of this machine, or on a Dask cluster.
 
-Only this process writes results, so workers need no shared disk; one that is lost costs the runs that it had in hand.
+Only this process writes results, so workers need no shared disk. A worker that is lost costs the runs under way on it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol
 
-from deploy.processes.scratch import Scratch, home_of_tempfile
+from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
 
@@ -26,7 +26,7 @@ __all__ = ["DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
 
 
 class WorkersGoneError(Exception):
-    """No worker can be reached any more. The runs that they had in hand are still to do; one line for the user."""
+    """No worker can be reached any more; one line for the user. The runs under way there are still to do."""
 
 
 _OF_WORKER: Final = contextlib.ExitStack()
@@ -37,25 +37,25 @@ class Workers(Protocol):
     """Where runs are executed."""
 
     at_once: int | None
-    """How many runs to hand over at a time; None = all, for a scheduler that queues and retries by itself."""
+    """How many runs to submit at a time. None: all, for a scheduler that queues and retries by itself."""
 
     @property
     def executor(self) -> Executor:
-        """The executor; after `renew` another one.
+        """The executor. `renew` replaces it.
 
         Raises:
             WorkersGoneError: there is none any more.
         """
 
     def renew(self) -> None:
-        """Replace an executor whose worker was lost."""
+        """Replace an executor that has lost a worker."""
 
     def close(self) -> None:
-        """End all workers now, whatever they do."""
+        """End all workers now, even during a run."""
 
 
 class LocalPool:
-    """Processes of this machine. They end with this process, however it ends."""
+    """Processes of this machine. They end with this process, even if it is killed."""
 
     def __init__(self, workers: int) -> None:
         self.at_once: int | None = workers
@@ -72,8 +72,8 @@ class LocalPool:
         self._open()
 
     def close(self) -> None:
-        # Workers go when the pipe does: a shutdown alone would wait for runs of minutes. Without waiting at all, the
-        # executor's own thread and the end of the interpreter get in each other's way.
+        # Workers end when the pipe closes, since a shutdown would wait for runs of minutes. It waits for the executor's
+        # thread, which would disturb the end of the interpreter.
         self._lifeline.close()
         self._held.close()
         self._executor.shutdown(cancel_futures=True)
@@ -84,7 +84,7 @@ class LocalPool:
 
 
 class DaskCluster:
-    """The workers of a Dask cluster that is there already."""
+    """The workers of a running Dask cluster."""
 
     at_once: int | None = None
 
@@ -96,11 +96,11 @@ class DaskCluster:
         """
         import distributed
 
-        # The client logs a traceback where its scheduler goes away; that is told in one line here.
+        # The client logs a traceback when its scheduler ends; one line of ours says so.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         connect: Any = distributed.Client
         self._client = connect(address, timeout="10s")
-        # Not `pure`: Dask would take equal arguments for a result that it has; failures are our own rows.
+        # Not `pure`, or Dask would return an earlier result for equal arguments.
         self._executor: Executor = self._client.get_executor(pure=False)
 
     @property
@@ -119,7 +119,7 @@ class DaskCluster:
 
 def _begin_worker(lifeline: Connection) -> None:
     one_thread()
-    # Ctrl-C and the end of a terminal go to all its processes; the study decides what they mean.
+    # Ctrl-C and the end of a terminal reach all its processes; only the study reacts.
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
@@ -137,13 +137,13 @@ class Execution:
     series_step_s: int
     run: Callable[[str, str, str, Engine, int], Finished] = run_point
     _suspects: set[str] = field(default_factory=set)
-    """Keys of runs in whose company a worker died."""
+    """Keys of runs that were under way when a worker died."""
 
     def results(self, points: Sequence[Point]) -> Iterator[tuple[Point, Finished]]:
-        """Run all points; yields each as it ends, in whatever order that is.
+        """Run all points; yields each as it ends.
 
         Raises:
-            WorkersGoneError: nobody is left who could run them; what has ended was yielded before.
+            WorkersGoneError: no worker is left. All runs that had ended were yielded before.
         """
         todo = deque(points)
         running: dict[Future[Finished], Point] = {}
@@ -151,7 +151,7 @@ class Execution:
             lost = not self._hand_over(todo, running)
             done = set(running) if lost else wait(running, return_when=FIRST_COMPLETED).done
             victims: list[Point] = []
-            # Nobody here cancels a run: Dask's client does, when it loses its scheduler.
+            # Only Dask's client cancels runs, when it loses its scheduler.
             cancelled = [future for future in done if future.cancelled()]
             for future in done.difference(cancelled):
                 point = running.pop(future)
@@ -168,7 +168,7 @@ class Execution:
             victims += running.values()
             running.clear()
             self.workers.renew()
-            # A broken pool does not say whose worker died: each run that was in hand is tried once more, alone.
+            # A broken pool does not say which worker died, so each run that was under way is tried once more, alone.
             for point in victims:
                 if point.key in self._suspects:
                     yield point, self._lost(point, "its worker process died, twice")
@@ -177,7 +177,7 @@ class Execution:
             self._suspects.update(point.key for point in victims)
 
     def _hand_over(self, todo: deque[Point], running: dict[Future[Finished], Point]) -> bool:
-        """Fill the workers; False if they are broken."""
+        """Submit runs until the workers are busy; False if the executor is broken."""
         room = self.workers.at_once
         while todo and (room is None or len(running) < room):
             point = todo[0]
@@ -192,7 +192,7 @@ class Execution:
         return True
 
     def _outcome(self, future: Future[Finished], point: Point) -> Finished | None:
-        """What a future holds; None if its worker was lost."""
+        """The result of a future; None if its worker was lost."""
         if not future.done():
             return None
         try:

@@ -16,14 +16,14 @@ GRAPH_SIZE: Final = (620.0, 230.0)
 """Width and height of the routing graph."""
 
 FEW_ROBOTS: Final = 12
-"""Up to here forwarding tables and the routing graph are shown as often as they change."""
+"""With up to so many robots, forwarding tables and the routing graph are shown as often as they change."""
 
 _FIELD_OF_VIEW_DEG: Final = 55.0
 _TRAIL_S: Final = 90.0
 
 
 def build(config: RecorderConfig) -> rrb.Blueprint:
-    """The map from above; beside it legend, progress, network and events, then routes, states and tables."""
+    """The map from above; beside it legend, progress, network and events; then routes, states and forwarding tables."""
     tables = [
         rrb.TextDocumentView(origin=f"network/table/{node}", name=f"Table {node}")
         for node in range(1, config.robots + 1)
@@ -84,7 +84,7 @@ def _map_view(config: RecorderConfig) -> rrb.Spatial3DView:
 
 
 def _recent(length_s: float) -> rrb.VisibleTimeRanges:
-    """Everything of the last seconds, whichever timeline the viewer follows."""
+    """The last seconds, on either timeline."""
     now = rr.TimeRangeBoundary.cursor_relative()
     seconds = rr.TimeRangeBoundary.cursor_relative(seconds=-length_s)
     ticks = rr.TimeRangeBoundary.cursor_relative(seq=int(-length_s / TICK_S))
@@ -97,7 +97,7 @@ def _recent(length_s: float) -> rrb.VisibleTimeRanges:
 
 
 def _so_far() -> rrb.TimeAxis:
-    """From the start to a little after the cursor; the viewer's own choice is 30 s."""
+    """From the start to a little after the cursor, where the viewer's default is 30 s."""
     return rrb.TimeAxis(
         view_range=rr.TimeRange(
             start=rr.TimeRangeBoundary.absolute(seconds=0.0), end=rr.TimeRangeBoundary.cursor_relative(seconds=5.0)

@@ -1,4 +1,4 @@
-"""The tree of NMS pointers: its links, its longest chain, and where to draw its nodes."""
+"""The tree of NMS pointers: its links, its longest chain, and a layout of its nodes."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ def farthest_chain(snapshot: Snapshot, station_m: tuple[float, float]) -> tuple[
 
 
 def tree_layout(nodes: list[int], nms: Mapping[int, int]) -> NDArray[np.float64]:
-    """Places of `nodes`, the station first, shape (n, 2), in the unit square: depth downwards, leaves side by side.
+    """Layout of `nodes`, the station first, shape (n, 2), in the unit square: depth downwards, leaves side by side.
 
-    Robots without a way to the station stand in a row of their own below the tree.
+    Robots without a route to the station are in a row of their own below the tree.
     """
     children: dict[int, list[int]] = {node: [] for node in nodes}
     for child, parent in nms.items():
         children[parent].append(child)
     spots: dict[int, tuple[float, float]] = {}
-    width = _place(STATION, children, 0, 0.0, spots)
+    width = _lay_out(STATION, children, 0, 0.0, spots)
     strays = [node for node in nodes if node not in spots]
     bottom = 1 + max(depth for _, depth in spots.values())
     for column, node in enumerate(strays):
@@ -64,13 +64,13 @@ def tree_layout(nodes: list[int], nms: Mapping[int, int]) -> NDArray[np.float64]
     return np.asarray(xy / (width, max(xy[:, 1].max(), 1.0)))
 
 
-def _place(
+def _lay_out(
     root: int, children: Mapping[int, list[int]], depth: int, left: float, spots: dict[int, tuple[float, float]]
 ) -> float:
-    """Place a subtree from `left` on; return its right edge."""
+    """Lay out a subtree from `left` on; returns its right edge."""
     right = left
     for child in children[root]:
-        right = _place(child, children, depth + 1, right, spots)
+        right = _lay_out(child, children, depth + 1, right, spots)
     right = max(right, left + 1)
     spots[root] = ((left + right) / 2 - 0.5, float(depth))
     return right

@@ -1,4 +1,4 @@
-"""Feeds the recorder of a station process: the station's own view, and what world and robots tell for the recording."""
+"""Feeds the recorder of a station process with the station's view and with messages of world and robots."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ __all__ = ["Feeder"]
 _POLL_S: Final = 0.2
 _TOGETHER_TICKS: Final = 30
 _TOGETHER_S: Final = 0.1
-"""So many ticks are recorded at a time, or those of so much wall time: one by one, each finds the caches cold."""
+"""Ticks, or wall time, that are recorded at a time: one by one, each tick finds the caches cold."""
 
 
 class Feeder:
-    """Brings together what is recorded.
+    """Collects what is recorded.
 
-    What world and robots tell comes by a session of its own: a station that hangs must not stop those who tell it.
+    Messages of world and robots come by a session of its own, so that a station that hangs does not stop their senders.
     """
 
     def __init__(self, login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> None:
@@ -46,25 +46,25 @@ class Feeder:
         self._feed, self._event, self._node_of = keys.feed, keys.event, keys.node_of
         self.malformed = Malformed()
         self._tick = -1
-        """Of the last snapshot."""
+        """Tick of the last snapshot."""
         self._views: list[StationView] = []
-        """Of ticks that are not recorded yet."""
+        """Views of ticks that are not recorded yet."""
         self._recorded_s = time.monotonic()
         self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
 
     def take(self, station: Station) -> None:
-        """Take one tick, and from time to time record all that has come in."""
+        """Take the view of one tick, and from time to time record all that has come in."""
         self._views.append(station.view())
         if len(self._views) >= _TOGETHER_TICKS or time.monotonic() - self._recorded_s > _TOGETHER_S:
             self._drain()
 
     def rest(self) -> None:
-        """No tick is under way: let viewers see all that is known."""
+        """Send all that is known to viewers, since no tick is under way."""
         self._drain()
         self._recorder.send()
 
     def catch_up(self, tick: int) -> None:
-        """Record what is still under way, up to the snapshot of a tick, unless it was lost."""
+        """Record messages until the snapshot of `tick` is here, but do not wait for a lost one."""
         self._drain()
         until_s = time.monotonic() + LATE_STOP_S
         while self._tick < tick and (left_s := until_s - time.monotonic()) > 0.0 and self._session.connected():

@@ -21,35 +21,35 @@ __all__ = ["Known"]
 _NAME_EACH_TICKS: Final = 5
 _SECOND_TICKS: Final = 10
 _TRAIL_POINTS: Final = 6
-"""A piece of a trail has so many points, one a second."""
+"""Points of a piece of trail, one per second."""
 _MOVED_M: Final = 0.1
-"""Who moved less during a piece of trail leaves none."""
+"""A robot that moved less during a piece of trail leaves none."""
 
 
 class Known:
-    """Takes the station's views, in the order of ticks."""
+    """Records the station's views, in the order of ticks."""
 
     def __init__(self, stream: Stream, config: RecorderConfig, tiles: MapTiles) -> None:
         self._stream, self._config = stream, config
         self._name_offset_m = name_offset_m(config)
         self._tiles = tiles
         self._tick = -1
-        """Of the last view."""
+        """Tick of the last view."""
 
         # Rows that wait to be sent.
         self._robots, self._names, self._rates = Rows(), Rows(), Rows()
         self._changed_tiles = {f"ms/map/{tile.name}": Rows() for tile in tiles.tiles}
         self._trail = Rows()
-        """Where robots were in the last seconds, one row each."""
+        """Positions of robots in the last seconds, one row per second."""
 
-        # What is shown already, and is logged again once it changes.
+        # What the recording shows now; a change is logged.
         self._shown_robots = b""
         self._shown_names = 0
         self._shown_victims = 0
         self._shown_percents: tuple[int, ...] = ()
 
     def take(self, view: StationView) -> None:
-        """Take what the MS knows at a tick."""
+        """Record what the MS knows at a tick."""
         self._tick = view.tick
         if len(view.robots):
             self._robots.add(view.tick, view.xy_m)

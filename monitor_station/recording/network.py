@@ -22,15 +22,15 @@ from world.terms import STATION, UNREACHABLE, Cls, Mode
 __all__ = ["Network"]
 
 _REGULAR_TICKS: Final = 5
-"""Positions, links and the chain are recorded this often, and whenever a pointer changes."""
+"""Interval of positions, links and the chain; a changed pointer is recorded at once."""
 _SECOND_TICKS: Final = 10
 _GRAPH_PAUSE_TICKS: Final = 50
-"""Between two graphs of many robots."""
+"""Shortest interval between two graphs of many robots."""
 _NEVER: Final = -1_000
 
 
 class Network:
-    """Takes the world's snapshots, in the order of ticks."""
+    """Records the world's snapshots, in the order of ticks."""
 
     def __init__(self, stream: Stream, config: RecorderConfig) -> None:
         self._stream, self._config = stream, config
@@ -42,15 +42,15 @@ class Network:
         # Rows that wait to be sent.
         self._true, self._targets, self._ranges, self._hops = Rows(), Rows(), Rows(), Rows()
         self._links = Rows()
-        """Strips, and the pointers of all robots."""
+        """Each value is the strips, and the pointers of all robots."""
         self._chains = Rows()
-        """Places of a chain's nodes, and their ids."""
+        """Each value is the places of the chain's nodes, and their ids."""
 
-        # What is shown already, and is recorded again once it changes.
+        # What the recording shows now; a change is recorded.
         self._shown_chain: tuple[int, ...] = ()
         self._shown_pointers = b""
         self._shown_conduct = b""
-        """Presence, classes and modes, while all that they mean is shown."""
+        """Presence, classes and modes; empty while the recording does not show them all yet."""
         self._shown_states = np.full(config.robots, -1)
         self._shown_marks = False
         """Whether robots are marked as paused or dead."""
@@ -64,7 +64,7 @@ class Network:
             self._shown_conduct = b""
 
     def take(self, snapshot: Snapshot) -> None:
-        """Take what the world knows at the end of a tick."""
+        """Record what the world knows at the end of a tick."""
         tick = snapshot.tick
         pointers = snapshot.nms.tobytes() + snapshot.present.tobytes() + (snapshot.hops == UNREACHABLE).tobytes()
         moved = pointers != self._shown_pointers
@@ -128,7 +128,7 @@ class Network:
         for row in changed:
             self._stream.log(snapshot.tick, f"network/state/{snapshot.nodes[row]}", self._changes[states[row]])
         rims = np.array(palette.RIM_COLORS, np.uint8)[states]
-        radii = -np.array(palette.RIM_POINTS)[states]  # Rerun reads a negative radius as points, whatever the scale
+        radii = -np.array(palette.RIM_POINTS)[states]  # negative: in points
         self._stream.log(snapshot.tick, "truth/robots", rr.Points3D.from_fields(colors=rims, radii=radii))
         gone = np.flatnonzero(states >= State.PAUSED)
         if len(gone) or self._shown_marks:
@@ -165,7 +165,7 @@ class Network:
         self._stream.send("network/links", self._links, drawn, nms, lengths=[len(row) for row in strips])
 
     def _send_chains(self) -> None:
-        """One strip a row, none where there is no chain; the ids of its nodes go with it."""
+        """One strip per row, with the ids of its nodes; none where there is no chain."""
         ways, ids = zip(*self._chains.values, strict=True)
         nodes = rr.AnyValues.columns(nodes=np.concatenate(ids)).partition([len(row) for row in ids])
         drawn = rr.LineStrips3D.columns(strips=[lift(row, Height.CHAIN) for row in ways if len(row)])

@@ -1,7 +1,6 @@
 """Colors of the recording: Okabe & Ito's set, which people with any color vision can tell apart.
 
-The map brings its own ground (white free, black wall, gray unknown), so every color holds in a light and in a
-dark viewer.
+The map has a ground of its own (white free, black wall, gray unknown), so the colors suit a light and a dark viewer.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ BLACK: Final[Rgb] = (0, 0, 0)
 GRAY: Final[Rgb] = (150, 150, 150)
 PALE: Final[Rgb] = (225, 225, 225)
 GROUND: Final[Rgb] = (74, 80, 84)
-"""Behind the map, whatever the viewer's theme."""
+"""Background of the map, in any theme of the viewer."""
 
 
 STATE_NAMES: Final = tuple(state.name.lower() for state in State)
@@ -32,16 +31,16 @@ STATE_COLORS: Final[tuple[Rgb, ...]] = (ORANGE, SKY, YELLOW, PURPLE, GRAY, VERMI
 
 RIM_COLORS: Final[tuple[Rgb, ...]] = (PALE, PALE, YELLOW, PURPLE, BLACK, VERMILION)
 RIM_POINTS: Final = (9.0, 9.0, 9.5, 9.5, 12.0, 12.0)
-"""Around a robot's true place: pale while all is well, else what befell it; radius in points of the screen."""
+"""Rim around a robot's true place: pale while all is well, else by its state; radius in points."""
 
 CLASS_COLORS: Final[dict[int, Rgb]] = {Cls.SR: ORANGE, Cls.RR: SKY}
 NO_CONTACT: Final = PURPLE
 CHAIN: Final = VERMILION
 LINK: Final = BLUE
 LABEL: Final = BLACK
-"""The viewer draws labels on a plate of its theme, half transparent: black is legible on both above a white map."""
+"""The viewer draws labels on a half transparent plate in the color of its theme: on a white map black is legible."""
 FOUND: Final = GREEN
 NOT_FOUND: Final = YELLOW
 
 CELL_COLORS: Final[tuple[Rgb, ...]] = (SKY, ORANGE, GREEN, PURPLE, VERMILION, YELLOW)
-"""Of the search-rate curves, in the scenario's order of cells; repeats beyond six."""
+"""Colors of the search-rate curves, in the scenario's order of cells; repeated beyond six."""

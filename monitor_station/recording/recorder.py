@@ -1,7 +1,7 @@
 """Writes the recording: what the MS knows (`ms/`), what the network does (`network/`), what is true (`truth/`).
 
-Positions, lines, map tiles and tables wait for a moment and are sent as columns. What changes rarely is logged as it
-changes, at its exact tick. Every call must come from one thread.
+Positions, lines, map tiles and forwarding tables wait for a moment and are sent as columns. What changes rarely is
+logged at its exact tick. All calls must come from one thread.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ __all__ = ["Recorder"]
 
 _HELD_TICKS: Final = 500
 _HELD_WALL_S: Final = 1.5
-"""Rows are sent after so many ticks or so much wall time: the latter bounds what a crash loses."""
+"""Ticks, or wall time, after which rows are sent. The wall time bounds what a crash loses."""
 _TABLE_PAUSE_TICKS: Final = 10
 _TABLE_PAUSE_OF_MANY_TICKS: Final = 600
-"""Between two tables of one robot, with few robots and with many."""
+"""Shortest intervals between two forwarding tables of one robot, with few robots and with many."""
 _EVENT_PATHS: Final = {"fault": "fault", "drop": "fault", "recovery": "fault", "link": "link", "role": "link"}
 
 
@@ -51,11 +51,11 @@ class Recorder:
         self._network = Network(self._stream, config)
         self._table_pause_ticks = _TABLE_PAUSE_TICKS if config.robots <= FEW_ROBOTS else _TABLE_PAUSE_OF_MANY_TICKS
         self._shown_tables: dict[int, tuple[int, bytes]] = {}
-        """By robot: the tick of the table that is shown, and what a reader sees of it."""
+        """By robot: tick and key (`table_key`) of the forwarding table that the recording shows."""
         self._pages: dict[str, Rows] = {}
-        """Tables that wait to be sent, as text, by path."""
+        """Forwarding tables that wait to be sent, as text, by path."""
         self._last_tick: int | None = None
-        """Of the world's feed."""
+        """Tick of the last snapshot."""
         self.dropped_ticks = 0
         """Ticks of the world's feed that never came; each gap is marked in `events/fault`."""
         self._sent_s = time.monotonic()
@@ -65,12 +65,12 @@ class Recorder:
             self._stream.log(0, f"ms/map/{tile.name}", rr.GridMap.from_fields(data=tiles.pixels(tile)))
 
     def station(self, view: StationView) -> None:
-        """Take what the MS knows at a tick."""
+        """Record what the MS knows at a tick."""
         self._known.take(view)
         self._send_when_due()
 
     def snapshot(self, snapshot: Snapshot) -> None:
-        """Take what the world knows at the end of a tick; ticks that are missing are marked, old ones ignored."""
+        """Record what the world knows at the end of a tick. Missing ticks are marked, old ones ignored."""
         tick, last = snapshot.tick, self._last_tick
         if last is not None and tick <= last:
             return
@@ -88,7 +88,7 @@ class Recorder:
         self._stream.log(event.tick, f"events/{where}", rr.TextLog(event.text, level=level))
 
     def table(self, table: Table) -> None:
-        """Show a robot's forwarding table, unless only locations changed or the last is too young."""
+        """Show a robot's forwarding table, unless only locations have changed or the last one is too recent."""
         shown = self._shown_tables.get(table.node)
         if shown is not None and table.tick - shown[0] < self._table_pause_ticks:
             return

@@ -32,7 +32,7 @@ In the blueprint panel (button at the top right) `network/range` shows each radi
 
 
 class Height:
-    """z of each layer in metres: what matters lies on top."""
+    """z of each layer in metres; what matters more is higher."""
 
     MAP: Final = 0.0
     TRUE_MAP: Final = 0.02
@@ -55,7 +55,7 @@ def lift(xy_m: NDArray[Any], z_m: float) -> NDArray[np.float32]:
 
 
 def name_offset_m(config: RecorderConfig) -> NDArray[np.float32]:
-    """(2,) From a robot to the point of its name, whose label hangs below: clear of the robot's dot at first sight."""
+    """(2,) from a robot to the point of its name. The label hangs below it, clear of the dot at the first zoom."""
     return np.array([0.0, -0.008 * config.geometry.rows * config.geometry.resolution_m], np.float32)
 
 
@@ -63,7 +63,7 @@ _FLAT: Final = rr.components.PointShading.Flat
 
 
 def write_static(stream: Stream, config: RecorderConfig, tiles: Sequence[Tile]) -> None:
-    """Write what never changes: floor plan, places, sizes and styles."""
+    """Log what never changes: floor plan, places, sizes and styles."""
     _write_maps(stream, config, tiles)
     _write_places(stream, config)
     _write_moving(stream, config)
@@ -165,12 +165,12 @@ def _write_plots(stream: Stream, config: RecorderConfig) -> None:
 
 
 def cell_colors(number: int) -> list[palette.Rgb]:
-    """A search cell has one color, in the map and in the plot."""
+    """Colors of search cells, the same in the map and in the plot."""
     return [palette.CELL_COLORS[i % len(palette.CELL_COLORS)] for i in range(number)]
 
 
 def _ui(points: float) -> Any:
-    """A radius in points of the screen: as legible for 100 robots as for nine."""
+    """A radius in points, independent of the zoom: 100 robots are as legible as nine."""
     return rr.Radius.ui_points(points)
 
 

@@ -1,4 +1,4 @@
-"""What each robot does, in one word."""
+"""The state of each robot, in one word."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from world.terms import Mode
 
 
 class State(IntEnum):
-    """What `network/state/<robot>` shows."""
+    """States as recording and terminal show them."""
 
     SEARCH = 0
     RELAY = 1
@@ -24,7 +24,7 @@ class State(IntEnum):
     DEAD = 5
 
 
-# An enumeration looks its members up by name each time.
+# Plain numbers, since each access to a member of an enumeration is a look-up by name.
 _SEARCH: Final = int(State.SEARCH)
 _RELAY: Final = int(State.RELAY)
 _RECOVERING: Final = int(State.RECOVERING)
@@ -35,7 +35,7 @@ _OF_MODE: Final = {int(Mode.INNER): _RECOVERING, int(Mode.OUTER): _RECOVERING, i
 
 
 def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
-    """`State` of each robot, shape (n,); whoever takes no part is dead unless it is known to be `paused`."""
+    """`State` of each robot, shape (n,); one that takes no part is dead unless it is known to be `paused`."""
     states: list[int] = []
     rows = zip(
         snapshot.nodes.tolist(), snapshot.present.tolist(), snapshot.cls.tolist(), snapshot.mode.tolist(), strict=True
@@ -49,9 +49,9 @@ def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
 
 
 class SteadyStates:
-    """States as a reader wants them: a relay that corrects its distance for a tick or two is still a relay.
+    """Settles states: a relay that corrects its distance for a tick or two is still shown as a relay.
 
-    A change among search, relay and recovering shows once it has lasted; lost, paused and dead show at once.
+    A change among search, relay and recovering shows after `dwell_ticks`; lost, paused and dead show at once.
     """
 
     def __init__(self, robots: int, dwell_ticks: int = 10) -> None:
@@ -60,11 +60,11 @@ class SteadyStates:
         self._latest = np.full(robots, -1)
         self._since = np.zeros(robots, np.int64)
         self._settled: bytes | None = None
-        """What is shown, once nothing waits to be shown."""
+        """Bytes of the shown states if no change waits; else None."""
 
     @property
     def settled(self) -> bool:
-        """Whether the last states to be shown are shown, and stay until they change."""
+        """Whether no change waits to be shown."""
         return self._settled is not None
 
     def update(self, tick: int, states: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -82,15 +82,15 @@ class SteadyStates:
 
 
 class DisplayedStates:
-    """What recording and terminal show of each robot: its states as the world sees them, settled (`SteadyStates`)."""
+    """The state of each robot for recording and terminal: as the world sees it, settled by `SteadyStates`."""
 
     def __init__(self) -> None:
         self._paused: set[int] = set()
-        """Who takes no part, but is expected back."""
+        """Robots that take no part, but are expected back."""
         self._steady: SteadyStates | None = None
 
     def hear(self, event: Event) -> bool:
-        """Learn from an event who is paused; False if it tells nothing of the kind."""
+        """Learn from an event who is paused; False if it is no event of that kind."""
         if event.kind != "fault":
             return False
         if event.data.get("verb") == "pause" or event.data.get("cause") == "unresponsive":
@@ -107,5 +107,5 @@ class DisplayedStates:
 
     @property
     def settled(self) -> bool:
-        """Whether all states are shown as they are, and stay until something changes."""
+        """Whether no change waits to be shown."""
         return self._steady is not None and self._steady.settled

@@ -1,6 +1,7 @@
-"""The file of a recording, and on demand a live view of it: what is logged at a tick, and rows sent as columns.
+"""The file of a recording, and on demand a live view of it.
 
-Chunks, not data, set a recording's size and cost. So what comes often waits in `Rows`, and one chunk takes many.
+The number of chunks, not of values, sets a recording's size and cost. So what comes often waits in `Rows`, and many
+rows are sent as columns of one chunk.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ __all__ = ["Rows", "Stream"]
 
 _TICK_NS: Final = 100_000_000
 _BATCH_S: Final = 1.8
-"""Wall time after which what was logged one by one is sent: a crash may lose two seconds."""
+"""Wall time after which logged values are sent: a crash may lose two seconds."""
 
 
 class Rows:
-    """Rows of one entity that wait to be sent, each a tick and a value."""
+    """Rows of one entity that wait to be sent; each is a tick and a value."""
 
     def __init__(self) -> None:
         self.ticks: list[int] = []
@@ -46,12 +47,12 @@ class Rows:
 
     @property
     def lengths(self) -> list[int]:
-        """How many elements the value of each row has."""
+        """Number of elements of each row's value."""
         return [len(value) for value in self.values]
 
 
 class Stream:
-    """One recording under way. Every call must come from one thread."""
+    """One recording under way. All calls must come from one thread."""
 
     def __init__(self, config: RecorderConfig, path: Path, live_port: int | None) -> None:
         """Open the file; serve it on `live_port` of the loopback interface, too, unless that is None.
@@ -73,7 +74,7 @@ class Stream:
         self._rec.set_sinks(*sinks, default_blueprint=blueprint.build(config))
         self._rec.send_recording_name(config.run)
         self._tick = -1
-        """Of what was logged last."""
+        """Tick of the last logged value."""
 
     def log_static(self, path: str, *what: Any) -> None:
         """Log what never changes."""
@@ -99,7 +100,7 @@ class Stream:
 
         Args:
             path: of the entity.
-            rows: their ticks count; at least one.
+            rows: for their ticks; at least one.
             columns: the values of all rows one after the other.
             more: further columns, already cut into rows.
             lengths: how many values of `columns` each row has; None: `rows.lengths`.

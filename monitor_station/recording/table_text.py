@@ -35,6 +35,6 @@ def table_markdown(table: Table) -> str:
 
 
 def table_key(table: Table) -> bytes:
-    """What a reader would notice: everything but the locations."""
+    """All that a reader would notice: every column but the locations."""
     columns = (table.dst, table.next_hop, table.hop, table.inv, table.cls)
     return b"|".join([str(table.msr).encode(), *(column.tobytes() for column in columns)])

@@ -1,4 +1,4 @@
-"""The MS's map as square tiles, so that a growing map costs only what changed."""
+"""The MS's map as square tiles, so that only changed tiles are recorded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNKNOWN_BYTE: Final = 255
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Where one tile lies."""
+    """Position and size of one tile."""
 
     row: int
     """First row of cells; row 0 is the lowest."""

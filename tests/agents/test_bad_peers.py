@@ -1,4 +1,4 @@
-"""A peer's bad frame is data (ARCHITECTURE, invariant 5): whatever arrives, a robot and the station go on."""
+"""A bad frame of a peer is data (ARCHITECTURE, invariant 5): robots and station go on after any frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LAST_TICK = 40
 
 
 def update(rng: random.Random, tick: int, src: int) -> bytes:
-    """A well-formed update that may say anything: far-off places, unheard-of robots, numbers of the future."""
+    """A well-formed update with arbitrary content: far places, unknown robots, numbers of the future."""
     table = ForwardingTable(src)
     for dst in {STATION, src, rng.randrange(1, 10), rng.choice([3, 11, 65_535])}:
         hop = 0 if dst == src else rng.choice([1, 2, 250, 254, 255])
@@ -108,7 +108,7 @@ def said(src: int, tick: int, *entries: tuple[int, int, int], **fields: Any) -> 
 
 
 class Listener:
-    """Robot 1, which hears what it is told, one tick after another."""
+    """Robot 1, which hears given frames tick by tick."""
 
     def __init__(self, policy: str = "vds", **overrides: Any) -> None:
         config = load("three_cells", {"policy": policy} | overrides).robot_config(1)
@@ -168,7 +168,7 @@ def test_a_row_that_cannot_be_is_malformed(entry: tuple[int, int, int], bad: int
     elif dst != 1:
         assert table.hop(dst) == (255 if bad else hop + 1)
     assert max(table.known) <= N
-    # What comes next is taken as if nothing had been said.
+    # A later update is accepted as if there had been none.
     listener.step(said(2, 21, (STATION, 38, 1), (3, 38, 1)))
     assert (table.hop(STATION), table.hop(3)) == (2, 2)
 
@@ -242,7 +242,7 @@ def test_changes_that_the_ms_cannot_have_made_are_malformed() -> None:
 
 
 def test_an_acknowledgement_of_what_was_never_sent_is_malformed() -> None:
-    """It would take the report away unsent."""
+    """Or the report would be dropped without being sent."""
     listener = Listener()
     listener.until(7)
     uplink = listener.robot.uplink

@@ -106,7 +106,7 @@ def test_a_child_gets_every_change_in_order_whatever_is_lost(seed: int, loss: fl
     neighbors = Neighbors(router_config(1))
     cells, values = np.array([], np.uint32), np.array([], np.int8)
     unseen = rng.sample(range(400), 400)
-    for tick in range(4000):  # half of all lost, 18 chunks take 400 ticks now and then
+    for tick in range(4000):  # with half of all frames lost, 18 chunks sometimes take 400 ticks
         if tick >= 60 and child.version == parent.version:
             break
         if tick < 60:

@@ -1,4 +1,4 @@
-"""The seam between a robot and its policy, and what makes scout different."""
+"""The interface between a robot and its policy, and what distinguishes scout."""
 
 from __future__ import annotations
 

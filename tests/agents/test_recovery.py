@@ -16,7 +16,7 @@ from world.terms import NOBODY, STATION, UNREACHABLE
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
 STATION_M = (0.0, 0.0)
 UNTOUCHED = {"departed": False, "incarnation": 0, "reports_before": 0, "reports_made": 0, "reports_discarded": 0}
-"""What stands of an orphan that lived on and made no scan report."""
+"""Entry of an orphan that lived on and made no scan report."""
 
 
 def shown(tick: int, nms: Mapping[int, int], absent: tuple[int, ...] = ()) -> Snapshot:

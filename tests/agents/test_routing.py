@@ -61,7 +61,7 @@ def test_no_loop_at_any_tick_and_freshness_never_falls(
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32), policy=st.sampled_from(["vds", "scout"]))
 def test_missions_with_pauses_and_restarts_pass_frames_on_by_ever_fresher_entries(seed: int, policy: str) -> None:
-    """The same of the program's own world and robots, who leave and return as they do in a run."""
+    """The same invariant with the real world and robots, which leave and return as in a run."""
     rng = random.Random(seed)
     targets = ["station", "relay:mid", *map(str, range(1, 9))]
     faults = [
@@ -184,7 +184,7 @@ def update_of(router: Router, nms: int) -> bytes:
 
 
 class TowardsNode2(LinkQuality):
-    """The links of a robot that is about to walk to where it hears node 2 alone."""
+    """The links of a robot that is about to walk to where it hears only node 2."""
 
     def leaving(self) -> bool:
         return True
@@ -215,7 +215,7 @@ def test_who_leaves_its_nms_for_a_neighbor_is_not_led_straight_back_by_the_short
 
 
 def test_equal_hop_counts_do_not_flap() -> None:
-    """Two neighbors offer the same: whoever was taken first stays."""
+    """Two neighbors offer the same route: the first that was taken stays."""
     rng = random.Random(0)
     me = Router(router_config(1), rng, 0)
     for tick in range(5, 24):

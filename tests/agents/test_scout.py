@@ -58,7 +58,7 @@ class Stage:
         self.body.router.table.set_route(STATION, freshness_of(2, 2), node)
 
     def walk_west_until_the_wall_hides(self, place: tuple[float, float]) -> None:
-        """Stand behind the wall where a step west would lose a place, on the way to WEST."""
+        """Stand behind the wall where one step west would lose sight of a place, on the way to WEST."""
         x, y = 24.0, WEST[1]
         step_m = TRACE_M_S * TICK_S
         while self.body.map.obstacles(x - step_m, y, *place) == 0:
@@ -78,7 +78,7 @@ def assert_walks_west(velocity: tuple[float, float]) -> None:
 
 @pytest.fixture(autouse=True)
 def targets_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Everything is known here, so no target is a frontier; what is tested is the way to one."""
+    """The whole map is known, so the target is no frontier; the test is of the path to it."""
     monkeypatch.setattr("agents.explorer.Explorer.done", lambda *_: False)
 
 

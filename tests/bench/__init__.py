@@ -1,1 +1,1 @@
-"""`make bench`: how fast the emulator is here, beside what the transports below it could do at best."""
+"""`make bench`: the speed of the emulator on this machine, beside the best that transports below it reach."""

@@ -24,12 +24,12 @@ from world.own_file import ForeignFileError, require_own, write_whole
 
 @dataclass(frozen=True)
 class Plan:
-    """How long everything runs."""
+    """Durations of all measurements."""
 
     seconds: dict[int, float]
-    """Simulated, by number of robots: in processes."""
+    """Simulated seconds of a mission in processes, by number of robots."""
     simulated_s: dict[int, float]
-    """In one process."""
+    """The same in one process."""
     floor_s: float
     """Wall time of a floor."""
     pairs: int
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _rows(plan: Plan, sizes: list[int]) -> Iterator[Row]:
-    """Per size all that is compared, close together in time."""
+    """Of each size all that is compared, close together in time."""
     for robots in sizes:
         scenario = SCENARIOS[robots]
         for floor in FLOORS:

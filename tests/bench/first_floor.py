@@ -1,7 +1,7 @@
-"""The floor of the first design: its dataflow over Zenoh as it comes, raw bytes between cores that do nothing.
+"""The floor of the first design: its dataflow over plain Zenoh, raw bytes between cores that do nothing.
 
-Senses, inboxes, frames and motions are messages of their own there, four for each node and tick, over ordinary links
-and without anybody who checks who may say what. What that cost once bounded the emulator; what we send now costs less.
+There, senses, inboxes, frames and motions are messages of their own, four for each node and tick, over ordinary links
+and without access rules. Its cost once bounded the emulator; the messages of today cost less.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
 
 
 class _Line:
-    """A session, and what came over it."""
+    """A session and its mailbox."""
 
     def __init__(self, endpoint: str, *keys: str, hosts: bool = False) -> None:
         end: dict[str, Any] = {"endpoints": [endpoint]}
@@ -59,11 +59,11 @@ class _Line:
         return self._session.declare_publisher(key, congestion_control=control, express=True).put
 
     def show(self, name: object) -> None:
-        """Let the world know that this process listens."""
+        """Tell the world that this process listens."""
         self._kept.append(self._session.liveliness().declare_token(f"here/{name}"))
 
     def await_all(self, names: Iterable[object]) -> None:
-        """Wait until everybody listens."""
+        """Wait until all processes listen."""
         missing = {f"here/{name}" for name in names}
         came: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
         tokens = self._session.liveliness()
@@ -110,7 +110,7 @@ def _medium(pattern: Pattern, endpoint: str) -> None:
         for put in put_rx:
             put(heard)
         put_done(b"done")
-    line.close()  # the router is here: all nodes have said goodbye
+    line.close()  # it hosts the router: all nodes have sent their last message
 
 
 def _node(pattern: Pattern, endpoint: str, node: int) -> None:
@@ -118,7 +118,7 @@ def _node(pattern: Pattern, endpoint: str, node: int) -> None:
     put_tx, put_motion = line.put(f"tx/{node}"), line.put(f"motion/{node}")
     line.show(node)
     frames, motion = bytes(pattern.frame_bytes), bytes(_MOTION_BYTES)
-    waits = {"sense"}  # at first there is nothing to be heard
+    waits = {"sense"}  # in the first tick there is no inbox
     while True:
         key, data = line.get()
         if data == _STOP:

@@ -1,4 +1,4 @@
-"""Runs one floor: starts its processes, meters them, and makes a row of what they did."""
+"""Runs one floor: starts its processes, meters them, and makes a row of the results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final
 
 from bus.nodes import process_name
 from deploy.processes.entry import PRELOAD
-from deploy.processes.processors import places, shared
+from deploy.processes.processors import assigned, shared
 from deploy.processes.supervisor import Supervisor
 from tests.bench import first_floor, socket_floor, zenoh_floor
 from tests.bench.meter import Meter
@@ -41,10 +41,10 @@ def run_floor(name: str, robots: int, wall_s: float) -> Row:
     pattern = Pattern(robots, wall_s)
     with tempfile.TemporaryDirectory(prefix="vds-floor-") as folder:
         result = Path(folder) / "result.json"
-        # What a run gets of the machine, a floor gets too.
+        # A floor gets the same processors and modules as a run.
         processors = shared(len(pattern.nodes) + len(("world", "medium")))
         names = [process_name(node) for node in pattern.nodes]
-        with Supervisor("floor", Path(folder), PRELOAD, places(processors, names)) as supervisor:
+        with Supervisor("floor", Path(folder), PRELOAD, assigned(processors, names)) as supervisor:
             FLOORS[name](pattern, supervisor, result)
             pids = dict(supervisor.pids)
             with Meter(lambda: pids) as meter:

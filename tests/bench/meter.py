@@ -1,4 +1,4 @@
-"""What processes cost, read from /proc while they run: processor time, and memory that no other process shares."""
+"""Cost of processes, read from /proc while they run: processor time, and memory that no other process shares."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Meter:
     """Samples the processor time of a changing set of processes; a context manager."""
 
     def __init__(self, pids: Callable[[], Mapping[str, int]]) -> None:
-        """Begin at once.
+        """Begin to sample.
 
         Args:
             pids: the processes to watch by name, asked for before each sample.
@@ -32,7 +32,7 @@ class Meter:
         self._spent_s: dict[int, float] = {}
         self._before_s: dict[int, float] = {}
         self.private_mb: dict[str, float] = {}
-        """The most that each process was seen to hold for itself alone."""
+        """Highest unique set size of each process."""
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="meter", daemon=True)
 
@@ -57,7 +57,7 @@ class Meter:
             for name, pid in self._pids().items():
                 spent = _cpu_s(pid)
                 if spent is not None:
-                    # What a process took before it was first seen is its start-up, and none of the ticks'.
+                    # Time before the first sample of a process is start-up, and does not belong to the ticks.
                     self._before_s.setdefault(pid, spent)
                     self._spent_s[pid] = spent - self._before_s[pid]
                 if number % 10 == 9 and (held := private_mb(pid)) is not None:

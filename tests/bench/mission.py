@@ -1,4 +1,4 @@
-"""Our own rows: a mission as a user starts it, in processes or in one."""
+"""The emulator's own rows: a mission as a user starts it, in processes or in one."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from world.terms import TICK_S, seconds_of
 __all__ = ["Degree", "machine", "mission", "simulated"]
 
 ROOT: Final = Path(deploy.__file__).resolve().parent.parent
-"""Of the form of the program that is measured: the sources, or `build/compiled`."""
+"""Root of the program that is measured: the checkout, or `build/compiled`."""
 
 
 def mission(scenario: str, robots: int, simulated_s: float, *, recording: bool, seed: int = 1) -> Row:
-    """Run `deploy/run_local.py` for a while and read what it left.
+    """Run `deploy/run_local.py` for a while and read its run folder.
 
     Raises:
         RuntimeError: the run failed.
@@ -109,7 +109,7 @@ def simulated(scenario: str, robots: int, simulated_s: float, *, seed: int = 1) 
 
 
 class Degree:
-    """How many others a robot has within the radius, at every tenth tick."""
+    """Number of neighbors within the radius, at every tenth tick."""
 
     def __init__(self, radius_m: float) -> None:
         self._radius_m = radius_m
@@ -128,5 +128,5 @@ class Degree:
 
 
 def machine() -> dict[str, Any]:
-    """What the numbers hold for."""
+    """The machine on which the numbers were measured."""
     return {"cores": os.cpu_count(), "load": os.getloadavg(), "python": sys.version.split()[0]}

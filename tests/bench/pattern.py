@@ -1,4 +1,4 @@
-"""The message pattern of a tick, without anybody who thinks: what every floor sends, and what it measures.
+"""The message pattern of a tick without any computation: what every floor sends, and what it measures.
 
 Sizes are those of a mission: a sense (with a scan each fifth tick), a motion, a table of all robots as the broadcast
 of each tick, and an inbox with the broadcasts of the neighbors.
@@ -23,11 +23,11 @@ DEGREE: Final = 8
 
 @dataclass(frozen=True)
 class Pattern:
-    """What is sent in a run of `robots` robots and the station."""
+    """The messages of a run with `robots` robots and the station."""
 
     robots: int
     wall_s: float
-    """The ticks end after this long."""
+    """Wall time of the ticks."""
     scan_ticks: int = 5
     beams: int = 180
 
@@ -61,7 +61,7 @@ class TickTimes:
         self._ticks_s = array("d")
 
     def tick(self) -> bool:
-        """A tick begins; False if it was time to end."""
+        """Begin a tick; False if it is time to end."""
         now = time.perf_counter()
         if self._began_at is None:
             self._began_at, self._first = time.time(), now
@@ -71,7 +71,7 @@ class TickTimes:
         return now - self._first < self._wall_s
 
     def write(self) -> None:
-        """Leave the result."""
+        """Write the result."""
         low, high = np.percentile(np.frombuffer(self._ticks_s), (50, 99)) * 1e3
         result: dict[str, Any] = {
             "began": self._began_at,

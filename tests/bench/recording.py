@@ -1,4 +1,4 @@
-"""What the recorder costs: on made-up missions, and on a real one against the same without it."""
+"""Cost of the recorder: on made-up missions, and on a real one against the same mission without it."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def recorder_cost(robots: int, ticks: int) -> dict[str, Any]:
 
 
 def paired(run: Callable[[bool], Row], pairs: int) -> dict[str, Any]:
-    """Recording on against off, in pairs that follow each other so that the same neighbors disturb both."""
+    """Recording on against off, in pairs that follow each other, so that the same load disturbs both."""
     factors, costs = [], []
     for number in range(pairs):
-        # The order alternates: whoever comes second may find warm caches.
+        # The order alternates, since the second run may find warm caches.
         first = run(bool(number % 2))
         second = run(not number % 2)
         on, off = (first, second) if number % 2 else (second, first)

@@ -11,14 +11,14 @@ __all__ = ["Row"]
 
 @dataclass
 class Row:
-    """One run and what it cost."""
+    """One run and its cost."""
 
     what: str
-    """processes, in-process, or floor and its name"""
+    """processes, in-process, or the name of a floor"""
     robots: int
     simulated_s: float
     factor: float
-    """Real-time factor while it ticked, start-up and end left out."""
+    """Real-time factor of the ticks, without start-up and end."""
     cpu_ms_per_tick: float
     """Processor time of all processes together."""
     p50_ms: float | None
@@ -41,5 +41,5 @@ class Row:
 
     @property
     def agent_mb(self) -> float | None:
-        """The most that a robot's process held for itself."""
+        """Highest unique set size of a robot's process."""
         return max((mb for name, mb in self.private_mb.items() if name.startswith("robot/")), default=None)

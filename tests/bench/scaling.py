@@ -1,8 +1,8 @@
-"""How the cores' cost of a tick grows: with the robots, their neighbors, the radius and the map.
+"""How the cost of a tick in the cores grows: with the robots, their neighbors, the radius and the map.
 
-One thing is changed at a time around one base, in one process, so that nothing but the cores is measured. The start,
-when every robot looks around for the first time, is left out. The last cases show what it costs to find the caches
-cold, as a process does that has let others run.
+One parameter changes at a time around a base. All runs are in one process, so only the cores are measured. The start,
+when every robot scans for the first time, is left out. The last cases show the cost of cold caches, as of a process
+after others have run.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _CASES: Final[tuple[tuple[str, dict[str, Any]], ...]] = (
     ("cells of the map", {"floor_plan.resolution_m": 0.25}),
 )
 _TOUCHED_MB: Final = (0, 2, 8, 32)
-"""Memory that somebody else uses between two ticks."""
+"""Memory that is touched between two ticks, to make the caches cold."""
 _CACHE_LINE_BYTES: Final = 64
 
 

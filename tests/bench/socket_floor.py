@@ -1,6 +1,6 @@
 """The floors over ZeroMQ and over bare Unix sockets: the same messages between the same processes, as raw bytes.
 
-Nobody routes, checks a key, logs in, or encodes here, so these floors say what processes and pipes cost, no more.
+There is no routing, no key, no login and no encoding, so these floors measure processes and pipes only.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ __all__ = ["start_unix", "start_zeromq"]
 
 MEDIUM: Final = "medium"
 _WORLD: Final = 65_535
-"""Who the world is to the medium."""
+"""Id of the world in the medium's hub."""
 _STOP: Final = b"stop"
 _OPEN_S: Final = 60.0
 _ID: Final = struct.Struct("<H")
 
 
 class Hub(Protocol):
-    """Somebody whom all nodes are joined to."""
+    """The end to which all nodes are connected."""
 
     def send(self, peer: int, data: bytes) -> None: ...
     def receive(self) -> tuple[int, bytes]: ...
 
 
 class Leaf(Protocol):
-    """A node's end of the line to a hub."""
+    """A node's end of its connection to a hub."""
 
     def send(self, data: bytes) -> None: ...
     def receive(self) -> bytes: ...
@@ -179,7 +179,7 @@ class ZeroLeaf:
 
 
 def _await(path: Path) -> None:
-    """Wait for a file to appear: who listens on it may still be starting."""
+    """Wait for a file to appear: the process that listens on it may still be starting."""
     until = time.monotonic() + _OPEN_S
     while not path.exists():
         if time.monotonic() > until:

@@ -38,7 +38,7 @@ def start(pattern: Pattern, supervisor: Supervisor, result: Path) -> None:
 
 
 class _World:
-    """Sends the pattern's senses, judges nothing."""
+    """Sends the senses of the pattern and judges nothing."""
 
     def __init__(self, pattern: Pattern, times: TickTimes) -> None:
         n = pattern.robots
@@ -96,7 +96,7 @@ class _World:
 
 
 class _Medium:
-    """Hands every node the same inbox."""
+    """Gives every node the same inbox."""
 
     def __init__(self, pattern: Pattern) -> None:
         self._heard = tuple((1, -40.0, bytes(pattern.frame_bytes)) for _ in range(pattern.heard))
@@ -112,7 +112,7 @@ class _Medium:
 
 
 class _Node:
-    """Says the same in every tick."""
+    """Sends the same frames in every tick."""
 
     def __init__(self, pattern: Pattern, node: int) -> None:
         self._node = node

@@ -1,4 +1,4 @@
-"""Who may log in and who may say or hear what, with real Zenoh and a client of one's own."""
+"""Who may log in, and who may put or receive on which key, with real Zenoh and a client of our own."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class Bus:
         return mailbox.get(5.0) == (key, data)
 
     def silent(self, *mailboxes: Mailbox) -> bool:
-        """Nothing came, though what was put later and may pass has come."""
+        """Nothing has come, though a permitted message that was put later has."""
         key = self.keys.tx(1)
-        # Not robot 4 itself: its own session would hand it its own words.
+        # Not robot 4 itself: its session would deliver its own messages to it.
         self.login("robot-1").publisher(key, blocking=True)(b"last")
         heard = self.arrives(self.at_medium, key, b"last")
         if self.at_world in mailboxes:

@@ -21,7 +21,7 @@ class Bytes:
 
 @dataclass(frozen=True)
 class Sample:
-    """As Zenoh hands them over."""
+    """Samples as Zenoh delivers them."""
 
     key_expr: str
     payload: Bytes

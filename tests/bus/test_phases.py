@@ -18,7 +18,7 @@ from tests.helpers.synthetic import Mission
 
 
 class Clock:
-    """Goes on only when told."""
+    """A clock that the test sets."""
 
     def __init__(self) -> None:
         self.now_s = 100.0

@@ -1,1 +1,1 @@
-"""Tests of scenarios, run folders, studies and pages: whatever needs no processes of a run."""
+"""Tests of scenarios, run folders, studies and pages: all that needs no processes of a run."""

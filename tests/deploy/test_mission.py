@@ -1,4 +1,4 @@
-"""A whole small mission: what the recording says afterwards, and one digest whatever the speed and the hash seed."""
+"""A whole small mission: its recording, and one digest at any speed and with any hash seed."""
 
 from __future__ import annotations
 

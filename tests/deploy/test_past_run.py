@@ -1,4 +1,4 @@
-"""What an earlier run tells a new one, and what became of the scan reports that a fault held up."""
+"""What a new run takes from an earlier one, and the fate of scan reports that a fault delayed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report in a real browser, Debian's chromium without a screen: nothing on its console, no request to anywhere.
+"""The report in a real browser, Debian's chromium, headless: nothing on its console, and no request.
 
 The pictures are kept in the folder that VDS_ARTIFACTS names, else in pytest's own.
 """
@@ -28,11 +28,11 @@ QUIET = (
     "--disable-background-networking", "--disable-component-update", "--disable-default-apps", "--hide-scrollbars",
     "--host-resolver-rules=MAP * ~NOTFOUND",
 )  # fmt: skip
-"""Flags under which chromium asks little of its own accord, and reaches nobody."""
+"""Flags with which chromium makes few requests by itself, and reaches no server."""
 
 
 class Browser:
-    """Opens files, and tells what came of it."""
+    """Opens files and reports text, console and requests."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -49,7 +49,7 @@ class Browser:
         ended = self._run(path, "--dump-dom", "--enable-logging=stderr", "--v=0", f"--log-net-log={log}")
         console = [line for line in ended.stderr.splitlines() if ":CONSOLE" in line]
         starts = (event.get("params", {}) for event in json.loads(log.read_text())["events"])
-        # What the browser asks of its own accord, such as for updates of itself, has no page as its origin.
+        # Requests that the browser makes by itself, such as for updates, have no page as their origin.
         by_page = [start for start in starts if start.get("initiator", "not an origin") != "not an origin"]
         asked = {start["url"] for start in by_page if not start["url"].startswith(("file:", "data:"))}
         return re.sub(r"<style>.*?</style>|<[^>]*>", " ", ended.stdout, flags=re.DOTALL), console, sorted(asked)
@@ -126,7 +126,7 @@ def test_this_would_notice_a_request_and_a_console_error(browser: Browser, tmp_p
 
 
 def test_it_fits_a_phone(browser: Browser, runs: tuple[Path, Path], artifacts: Path, tmp_path: Path) -> None:
-    """Nothing is wider than the page; a frame stands for the phone, as the browser's own window has a least width."""
+    """Nothing is wider than the page. A frame stands for a phone, since the browser's window has a least width."""
     page = tmp_path / "report.html"
     page.write_text(report_page(read_run(runs[1])), encoding="utf-8")
     frame = tmp_path / "phone.html"

@@ -1,4 +1,4 @@
-"""Scenarios: what comes with the emulator, the way back through TOML, and one clear line for every mistake."""
+"""Scenarios: those of the emulator, the round trip through TOML, and one clear line for every mistake."""
 
 from __future__ import annotations
 

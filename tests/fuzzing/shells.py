@@ -32,7 +32,7 @@ TICKS = 3
 
 
 class DeadSession:
-    """Takes everything and gives nothing: what is put lies in `sent`, by key."""
+    """A session without a bus: `sent` has what was put, by key."""
 
     def __init__(self) -> None:
         self.keys = Keys(LOGIN.run)
@@ -45,7 +45,7 @@ class DeadSession:
         return self.sent.setdefault(key, []).append
 
     def nothing(self, *_: Any) -> None:
-        """Listens to nobody, and shows itself to nobody."""
+        """A session that receives nothing and declares nothing."""
 
     subscribe = watch = declare = answer = nothing
 

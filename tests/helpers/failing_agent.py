@@ -47,8 +47,8 @@ class FailingFleet(Fleet):
 
 def main() -> int:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0})
-    with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as place:
-        fleet = FailingFleet(scenario, folder.path, local_endpoint(Path(place), 3), record=False)
+    with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as temporary:
+        fleet = FailingFleet(scenario, folder.path, local_endpoint(Path(temporary), 3), record=False)
         outcome = Launcher(fleet, folder, Silence()).run()
     print(*outcome.failures, sep="\n")
     return outcome.exit_status

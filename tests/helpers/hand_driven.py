@@ -1,4 +1,4 @@
-"""A world driven by motions made by hand, in the way an in-process simulation drives it."""
+"""A world driven by given motions, in the same order as an in-process simulation drives it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def chain(node: int) -> Status:
 
 
 class End(NamedTuple):
-    """What came of a tick."""
+    """The result of a tick."""
 
     snapshot: Snapshot
     events: tuple[Event, ...]
@@ -49,7 +49,7 @@ class End(NamedTuple):
 
 
 class Run:
-    """Drives a world in the way an in-process simulation does."""
+    """Drives a world as an in-process simulation does."""
 
     def __init__(self, made: WorldConfig, status: Callable[[int], Status] = chain) -> None:
         self.world = World(made)

@@ -1,4 +1,4 @@
-"""Recordings as they lie on disk, under way or after a crash."""
+"""Readers of recordings that are under way or were left by a crash."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def readable(path: Path) -> Path:
-    """A copy of what is there now; repaired if it ends within a message, as it may at any moment."""
+    """A copy of the file as it is now, repaired if it ends within a message, as it may at any moment."""
     copy, whole = path.with_name("copy.rrd"), path.with_name("whole.rrd")
     shutil.copyfile(path, copy)
     with warnings.catch_warnings():

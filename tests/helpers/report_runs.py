@@ -1,4 +1,4 @@
-"""Run folders for tests of the reports: short real runs, and one whose every text tries to break out of the page."""
+"""Run folders for tests of reports: short real runs, and one in which every text tries to escape into the HTML."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def short_run(path: Path, *faults: str) -> Path:
 
 
 def evil_run(good: Path, path: Path) -> Path:
-    """A copy of a run with hostile words wherever a file has words."""
+    """A copy of a run with hostile text in all texts of its files."""
     shutil.copytree(good, path)
     summary = json.loads((path / "summary.json").read_text())
     summary |= {"status": EVIL, "scenario": EVIL, "why": EVIL, "failures": [EVIL], "trace_sha256": EVIL}

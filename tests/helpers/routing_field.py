@@ -92,7 +92,7 @@ class Field:
         self.inboxes[node] = []
 
     def pause(self, node: int, ticks: int) -> None:
-        """Absent from the next tick on, whose step it still takes, unheard, as a process that is stopped does."""
+        """Pause a node from the next tick on. It still takes the step of that tick, unheard, like a stopped process."""
         if node in self.present:
             self._take_step(node)
         self.paused_until[node] = self.tick + ticks
@@ -104,7 +104,7 @@ class Field:
         router.announce_self(self.tick, self.places[node], Cls.SR, self.places[node])
 
     def step(self) -> None:
-        """One tick: everybody present absorbs, announces itself, and is heard at the next tick."""
+        """One tick: each present node absorbs updates and announces itself, to be heard at the next tick."""
         heard: dict[int, list[Reception]] = {k: [] for k in self.routers}
         present = self.taking_part = self.present
         for k in present:
@@ -116,7 +116,7 @@ class Field:
             for other in present:
                 if self.linked(k, other) and self.rng.random() >= self.loss:
                     heard[other].append((k, power_dbm(math.dist(self.places[k], self.places[other])), update))
-        # What a paused node would have heard is lost.
+        # Frames to a paused node are lost.
         self.inboxes = heard
         self.tick += 1
 

@@ -1,4 +1,4 @@
-"""A run of real processes with next to nothing in them, for tests of how they keep step.
+"""A run of real processes with almost empty cores, for tests of how they keep step.
 
 World and medium are the real ones; robots and station answer every tick with one short frame.
 """
@@ -132,7 +132,7 @@ def _into(log: str) -> None:
 
 
 class SmallRun:
-    """Processes of one run, and what a launcher hears of it."""
+    """Processes of one run, and the messages that a launcher receives."""
 
     def __init__(self, folder: Path, robots: int = 3, **config: Any) -> None:
         self.folder = folder
@@ -192,7 +192,7 @@ class SmallRun:
         return self._operator.ask(self._operator.keys.control, line)
 
     def until(self, condition: Callable[[], bool], what: str, timeout_s: float = 20.0) -> None:
-        """Take in what the run says until a condition holds."""
+        """Read the messages of the run until a condition holds."""
         deadline = time.monotonic() + timeout_s
         while not condition():
             message = self._mailbox.get(0.05)
@@ -253,7 +253,7 @@ class SmallRun:
 
 @contextlib.contextmanager
 def small_run(robots: int = 3, *, absent: int | None = None, **config: Any) -> Iterator[SmallRun]:
-    """A started run whose first ticks have passed (unless a robot is absent); whatever is left of it is ended."""
+    """A started run whose first ticks have passed (unless a robot is absent). Its processes end with the context."""
     with tempfile.TemporaryDirectory() as folder:
         run = SmallRun(Path(folder), robots, **config)
         try:

@@ -21,7 +21,7 @@ def _literal(name: str, value: str) -> bytes:
 
 
 class StalledViewer:
-    """Subscribed to a run's recording as long as it is not closed."""
+    """A subscription to a run's recording, until it is closed."""
 
     def __init__(self, port: int, timeout_s: float = 20.0) -> None:
         """Subscribe.

@@ -1,4 +1,4 @@
-"""Runs that cost nothing, for workers that import little."""
+"""Replacements for runs that take no time, for workers that import little."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def pretend(key: str, variant: str, toml: str, engine: Engine, _step_s: int) -> 
 
 
 def die_once_told(key: str, variant: str, toml: str, engine: Engine, step_s: int) -> Finished:
-    """A run whose process is gone if its seed is 2."""
+    """A run that ends its process if its seed is 2."""
     if "\nseed = 2\n" in toml:
         os._exit(7)
     return pretend(key, variant, toml, engine, step_s)

@@ -136,7 +136,7 @@ class Mission:
         )
 
     def _explore(self, snapshot: Snapshot) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """One robot a tick uncovers what lies within 4 m."""
+        """In each tick one robot explores a square of 8 m."""
         row = snapshot.tick % self.robots
         x, y = snapshot.xy_m[row]
         cells = self.config.geometry.rectangle(x - 4, y - 4, x + 4, y + 4)

@@ -12,7 +12,7 @@ __all__ = ["alive", "wait_until"]
 
 
 def alive(pid: int) -> bool:
-    """A process that is there and is no zombie."""
+    """Whether a process exists and is no zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except (FileNotFoundError, ProcessLookupError):

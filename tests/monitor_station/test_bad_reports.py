@@ -1,4 +1,4 @@
-"""Scan reports that no honest robot made: the station goes on, and the counts of the run tell."""
+"""Scan reports that no honest robot made: the station goes on, and the counts of the run show them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The monitor station's journal: what a new process knows of what the last one had acknowledged."""
+"""The monitor station's journal: a new process knows all reports that earlier ones acknowledged."""
 
 from __future__ import annotations
 

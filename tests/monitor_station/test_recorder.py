@@ -1,4 +1,4 @@
-"""The recording, read back from its file; and the pure parts that it is made of."""
+"""The recording, read back from its file, and the pure functions behind it."""
 
 from __future__ import annotations
 

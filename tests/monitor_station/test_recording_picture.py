@@ -1,4 +1,4 @@
-"""The recording in a real viewer without a screen: pictures at three moments, judged by their pixels.
+"""The recording in a real viewer, headless: pictures at three moments, judged by their pixels.
 
 The pictures are kept in the folder that VDS_ARTIFACTS names, else in pytest's own.
 """

@@ -1,1 +1,1 @@
-"""The compiled loops said again in Python, numpy or SciPy, to hold them against, bit for bit."""
+"""The compiled loops written again in Python, numpy or SciPy, for a comparison to the bit."""

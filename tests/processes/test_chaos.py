@@ -1,4 +1,4 @@
-"""A hundred simulated seconds of chaos, and that its faults are what they are said to be."""
+"""A hundred simulated seconds of chaos, and the bounds of its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults that strike real processes, and what is said of them afterwards: the verdict, not mere survival."""
+"""Faults on real processes, and the verdicts on them."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def played(start: Start, *faults: str) -> list[dict[str, Any]]:
 
 
 def healed(verdict: dict[str, Any], *, least: int = 1) -> bool:
-    """At least so many were cut off, noticed it, and all who lived on had a route again within the bound."""
+    """At least so many robots were cut off, noticed it, and all that lived on had a route again within the bound."""
     return (
         verdict["recovered"] is True
         and len(verdict["orphaned"]) >= least
@@ -190,7 +190,7 @@ def test_faults_by_hand_and_by_control_are_replayed(emulation: Start, tmp_path: 
 
 
 @pytest.mark.parametrize("who", ["medium", "world"])
-def test_stopping_medium_or_world_for_three_seconds_costs_no_robot_its_place(emulation: Start, who: str) -> None:
+def test_stopping_medium_or_world_for_three_seconds_leaves_no_robot_out(emulation: Start, who: str) -> None:
     run = emulation(CORRIDOR)
     run.wait_for(5)
     run.pause(who)
@@ -212,7 +212,7 @@ def test_whoever_is_killed_everybody_says_a_last_word(emulation: Start, who: str
     wait_until(lambda: not any(alive(pid) for name, pid in pids.items() if name != "launcher"), 5, "all are gone")
     words = ["gone: this process ends"]
     if who == "launcher":
-        # The world hears of that, too, and may have ended the run before a robot came to the processor.
+        # The world hears of that, too, and may have ended the run before a robot has run.
         words = ["the launcher is gone: this process ends", "the run is over: this process ends"]
     for name in set(pids) - {"launcher", who, "world", "medium"}:
         lines = (run.folder / "logs" / f"{name.replace('/', '-')}.log").read_text().splitlines()

@@ -1,4 +1,4 @@
-"""`deploy/run_local.py --live`: a viewer that follows a run, and one that stalls and holds up nobody."""
+"""`deploy/run_local.py --live`: a viewer that follows a run, and one that stalls and delays no process."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _fetched(url: str) -> bool:
 
 @pytest.mark.processes
 def test_a_stalled_viewer_neither_slows_nor_stops_a_run(tmp_path: Path) -> None:
-    """The run is paced at ten times real time: had it to wait for the viewer, it would fall behind that."""
+    """The run is paced at ten times real time, and would fall behind if it waited for the viewer."""
     with live_run(tmp_path / "watched", "--speed", "10") as run:
         viewer = StalledViewer(served_port(address(run)))
         try:

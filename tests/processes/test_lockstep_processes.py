@@ -20,7 +20,7 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module", autouse=True)
 def own_fork_server() -> Iterator[None]:
-    """Leave no fork server behind: a program has one, and other tests want theirs with another environment."""
+    """Leave no fork server behind: a program has one only, and other tests need theirs with another environment."""
     yield
     multiprocessing.forkserver._forkserver._stop()  # type: ignore[attr-defined]
 

@@ -1,4 +1,4 @@
-"""What `kill -9` of the process that records costs: at most two seconds of wall time."""
+"""`kill -9` of the process that records loses at most two seconds of wall time."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_killed_station_loses_at_most_two_seconds(tmp_path: Path) -> None:
 
 @pytest.mark.processes
 def test_a_run_that_is_held_has_recorded_all(tmp_path: Path) -> None:
-    """Whoever holds a run wants to see how it stands."""
+    """A held run is recorded up to its last tick, for whoever looks at it then."""
     with Emulation("three_cells", tmp_path, robots=3, record=True) as run:
         run.wait_for(20)
         held = run.command("hold")["tick"]

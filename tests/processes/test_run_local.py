@@ -1,4 +1,4 @@
-"""`deploy/run_local.py` as a user meets it: bad input, a run, Ctrl-C, and processes that are killed under it."""
+"""`deploy/run_local.py` for a user: bad input, a run, Ctrl-C, and processes that are killed."""
 
 from __future__ import annotations
 

@@ -195,7 +195,7 @@ if __name__ == "__main__":
 
 
 def test_no_process_survives_a_killed_launcher(tmp_path: Path) -> None:
-    """Not even one that is stopped, nor one that ignores SIGTERM."""
+    """A stopped one and one that ignores SIGTERM end, too."""
     script = tmp_path / "launcher.py"
     script.write_text(LAUNCHER)
     environment = dict(os.environ, PYTHONPATH=str(ROOT))

@@ -1,4 +1,4 @@
-"""Who is given up, and when, on a clock by hand."""
+"""Who is given up, and when, on a clock that the test sets."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_past_a_medium_that_does_not_answer_no_node_is_given_up() -> None:
         wait.until(lambda: wait.silence.given_up({1}, (), interrupted=False), 2.0)
 
 
-def test_a_medium_that_came_back_costs_no_node_its_place() -> None:
+def test_a_medium_that_came_back_leaves_no_node_out() -> None:
     wait = Wait(medium_answers=False)
     wait.until(lambda: wait.silence.given_up({1}, (), interrupted=False), 20.0)
     wait.medium_answers = True

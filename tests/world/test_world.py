@@ -1,4 +1,4 @@
-"""The world's core with motions made by hand: movement, senses, and the end of a run."""
+"""The world's core with given motions: movement, senses, and the end of a run."""
 
 from __future__ import annotations
 

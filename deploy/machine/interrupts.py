@@ -8,10 +8,12 @@ import signal
 import threading
 from collections.abc import Callable
 from types import FrameType
+from typing import Final
 
-from deploy.command import SIGNALS
+__all__ = ["SIGNALS", "Interrupts", "end_with"]
 
-__all__ = ["Interrupts", "end_with"]
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""By which a user, a batch system or the end of a terminal asks a command to end."""
 
 
 class Interrupts:
