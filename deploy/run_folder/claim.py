@@ -72,7 +72,11 @@ class Claim:
             path.mkdir(parents=True, exist_ok=True)
             self._was_marked = (path / LOCK).exists()
             refuse_foreign(path, _WRITTEN, "run", marked=self._was_marked)
-            self.lock = take_lock(path / LOCK)
+            try:
+                self.lock = take_lock(path / LOCK)
+            except OSError:
+                self._remove_if_made()
+                raise
             try:
                 refuse_foreign(path, _WRITTEN, "run", marked=True)
                 self._refuse_earlier(overwrite, reads)
@@ -94,12 +98,16 @@ class Claim:
         self._give_up()
 
     def _give_up(self) -> None:
-        with contextlib.suppress(OSError):
-            if not self._was_marked:
+        if not self._was_marked:
+            with contextlib.suppress(OSError):
                 (self._path / LOCK).unlink()
-            if self._made:
-                self._path.rmdir()
+        self._remove_if_made()
         self.release()
+
+    def _remove_if_made(self) -> None:
+        if self._made:
+            with contextlib.suppress(OSError):
+                self._path.rmdir()
 
     def _refuse_earlier(self, overwrite: bool, reads: Sequence[Path]) -> None:
         if all(path.name == LOCK for path in self._path.iterdir()):
@@ -150,17 +158,19 @@ def take_lock(path: Path) -> IO[bytes]:
     lock = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644), "r+b")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not path.exists() or path.stat().st_ino != os.fstat(lock.fileno()).st_ino:
+            raise BlockingIOError  # somebody else has removed it meanwhile
     except BlockingIOError:
         pid = lock.read(20).decode(errors="replace").strip()
         lock.close()
-        raise ClaimError(f"a {path.stem} is under way there (pid {pid})") from None
+        raise ClaimError(f"a {path.stem} is under way there{f' (pid {pid})' if pid else ''}") from None
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             lock.close()
             raise
-    lock.truncate(0)
-    lock.write(f"{os.getpid()}\n".encode())
-    lock.flush()
+    with contextlib.suppress(OSError):  # a hint for others, no more
+        lock.truncate(0)
+        os.write(lock.fileno(), f"{os.getpid()}\n".encode())
     return lock
 
 

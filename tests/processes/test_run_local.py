@@ -146,6 +146,26 @@ def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callabl
 
 
 @pytest.mark.processes
+def test_of_two_launchers_with_one_folder_one_runs(tmp_path: Path) -> None:
+    pair = [Running(tmp_path / "run", "--robots", 2, "--duration", 5, "-q") for _ in range(2)]
+    ends = sorted(running.ended(60) for running in pair)
+    assert [status for status, _, _ in ends] == [0, 2]
+    assert ends[0][2] == ""
+    assert ends[1][2].count("\n") == 1
+    assert "run is under way there" in ends[1][2] or "holds an earlier run" in ends[1][2]
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["status"] == "time_limit"
+
+
+@pytest.mark.processes
+def test_a_held_run_is_interrupted_as_any(start: Callable[..., Running]) -> None:
+    running = start(*LONG, "--hold")
+    wait_until(lambda: running.status() is not None, 60, "the world answers")
+    running.process.terminate()
+    assert running.ended(30)[::2] == (0, "")
+    assert running.summary()["status"] == "interrupted"
+
+
+@pytest.mark.processes
 def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[..., Running]) -> None:
     running = start("--robots", 3, "--duration", 10, "--speed", 10)
     pids = running.wait_for(1)
