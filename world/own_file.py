@@ -38,10 +38,10 @@ def write_whole(path: Path, content: str | bytes, mode: int = 0o666) -> None:
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
-    except OSError:
+    except OSError as error:
         with contextlib.suppress(OSError):
             draft.unlink()
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def require_own(path: Path, mark: str) -> None:
