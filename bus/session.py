@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, Self
@@ -32,6 +32,9 @@ __all__ = [
 
 _OPEN_TIMEOUT_S: Final = 20.0
 _SOCKET_ROBOTS: Final = 20
+_SOCKET_PATH: Final = 107
+"""Bytes that the path of a socket may have on Linux."""
+_PLAIN: Final = re.compile(r"[\w/. +-]+")
 
 _CLIENT_THREADS: Final = "(rx: (handover: app), app: (worker_threads: 1))"
 """Zenoh's runtime of a client, which reads one socket. The thread that waits for the socket also reads it, which saves
@@ -86,9 +89,13 @@ def local_endpoint(folder: Path, robots: int) -> str:
 
     A message costs the kernel less there than on a port of the loopback interface (nine processes: 4 to 8 %). But such
     a socket holds 200 kB at most. A frozen process may leave two turns in it, whose inboxes grow with the square of the
-    fleet, and the sender of the next message would then wait. A port holds megabytes.
+    fleet, and the sender of the next message would then wait. A port holds megabytes. A port also serves where the
+    folder's path is too long for a socket or has characters that mean something in an endpoint.
     """
-    return f"unixsock-stream/{folder / 'router'}" if robots <= _SOCKET_ROBOTS else free_endpoint()
+    path = str(folder / "router")
+    if robots > _SOCKET_ROBOTS or len(os.fsencode(path)) > _SOCKET_PATH or not _PLAIN.fullmatch(path):
+        return free_endpoint()
+    return f"unixsock-stream/{path}"
 
 
 def new_token(role: str, node: int = 0) -> Token:
@@ -142,7 +149,7 @@ class Session:
     def host(cls, login: Login, users: Mapping[str, str]) -> Session:
         """Host the router at `login.endpoint` for `users` (passwords by user), and join it.
 
-        Zenoh reads the passwords from a file, which exists only while the router opens.
+        Zenoh reads the passwords from a file, which exists in memory only, while the router opens.
 
         Raises:
             BusError: the port is in use, or the endpoint is malformed.
@@ -150,11 +157,10 @@ class Session:
         if login.endpoint.startswith("tcp/"):
             require_free(login.endpoint)
         os.environ["ZENOH_RUNTIME"] = _ROUTER_THREADS
-        with tempfile.TemporaryDirectory(prefix="vds-") as folder:
-            file = Path(folder) / "users"
-            file.touch(mode=0o600)
-            file.write_text(dictionary(users))
-            config = host_config(login.run, login.endpoint, users, file)
+        with open(os.memfd_create("users"), "w", encoding="utf-8") as file:  # noqa: PTH123  # it has no path
+            file.write(dictionary(users))
+            file.flush()
+            config = host_config(login.run, login.endpoint, users, Path(f"/proc/self/fd/{file.fileno()}"))
             return cls(_open(config, f"can't host a router at {login.endpoint}"), login)
 
     def publisher(self, key: str, *, blocking: bool) -> Put:

@@ -6,7 +6,9 @@ by the checkout before it imports anything of ours:
 
     if __name__ == "__main__":
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
-        sys.exit(main())
+        from deploy.command import entry
+
+        entry(main)
 """
 
 from __future__ import annotations
@@ -14,14 +16,17 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
 from bus.excerpt import shown
+from deploy.machine.interrupts import SIGNALS
+from deploy.machine.outlet import keep_writing, lost
 
-__all__ = ["ROOT", "Parser", "refuse", "require"]
+__all__ = ["INTERRUPTED", "ROOT", "Parser", "entry", "refuse", "require"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 """The checkout."""
@@ -31,6 +36,9 @@ NEEDED: Final = (
     "setproctitle", "tomli_w", "yaml", "zenoh",
 )  # fmt: skip
 """The modules of the packages that the project depends on (pyproject.toml)."""
+
+INTERRUPTED: Final = 130
+"""Exit status of a command that was interrupted before it came to a result."""
 
 
 _LONGEST: Final = 600
@@ -42,6 +50,36 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {shown(message, _LONGEST)} (--help lists the options)\n")
+
+
+def entry(main: Callable[[], int]) -> NoReturn:
+    """Run a command to its exit status, whatever becomes of the terminal, the pipe or the disk that it writes to."""
+    _use_utf_8()
+    keep_writing()
+    script = Path(sys.argv[0]).name
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # by nohup
+            signal.signal(number, signal.default_int_handler)
+    status: object = INTERRUPTED
+    try:
+        status = main()
+    except SystemExit as end:
+        status = end.code
+    except KeyboardInterrupt:
+        print(f"{script}: interrupted", file=sys.stderr)
+    # The status is settled: a signal that comes late must not replace it.
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    for stream, why in lost().items():
+        print(f"{script}: {stream} could not be written: {why}", file=sys.stderr)
+        status = status or 1
+    sys.exit(status)  # type: ignore[arg-type]  # what SystemExit holds
+
+
+def _use_utf_8() -> None:
+    """Go on in Python's UTF-8 mode where the locale has another encoding, which lacks letters of names and files."""
+    if sys.getfilesystemencoding() != "utf-8":
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
 
 
 def refuse(script: str, problem: object) -> int:

@@ -91,4 +91,6 @@ def _show(answer: str) -> int:
 
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
-    sys.exit(main())
+    from deploy.command import entry
+
+    entry(main)

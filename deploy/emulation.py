@@ -1,7 +1,7 @@
 """A run of real processes that a program starts, watches, injects faults into, and asks for verdicts.
 
 The run is `deploy/run_local.py` in a process of its own. It begins held and goes on once its owner listens, so the
-owner misses nothing.
+owner misses nothing. It ends with its owner, even one that is killed.
 `deploy/testing.py` makes a pytest fixture of it.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from bus.keys import Keys
 from bus.nodes import process_name
 from bus.session import BusError, Mailbox, Session
 from deploy.json_file import read_object
+from deploy.machine.scratch import Scratch
 from deploy.processes.operator_file import read_operator
 from deploy.run_folder.verdicts import verdict_on
 from deploy.scenario import load
@@ -58,7 +60,7 @@ class Emulation:
 
         Args:
             scenario: name of a scenario, path of a .toml file, or of a map's .yaml file.
-            folder: run folder.
+            folder: run folder, new or empty.
             faults: as the command line has them ("kill:relay:mid@60") or as a scenario's [[fault]] does.
             record: leave a recording.
             overrides: keys of the scenario, a dot written as two underscores: robots=6, radius_m=10.0,
@@ -66,6 +68,7 @@ class Emulation:
 
         Raises:
             ScenarioError: the scenario can't be run.
+            ScratchError: there is no place for temporary files.
             EmulationError: the run did not start.
         """
         values = {key.replace("__", "."): value for key, value in overrides.items()}
@@ -77,16 +80,19 @@ class Emulation:
         """All events so far."""
         self.snapshots: list[Snapshot] = []
         """All snapshots so far, one per tick."""
-        folder.mkdir(parents=True, exist_ok=True)
-        resolved = folder / "asked.toml"
+        self._scratch = Scratch()
+        resolved = self._scratch.path / "asked.toml"
         resolved.write_text(self.scenario.to_toml(), encoding="utf-8")
-        (folder / "pids.json").unlink(missing_ok=True)
-        command = [sys.executable, str(SCRIPT), "--scenario", str(resolved), "--out", str(folder), "--hold"]
-        self._words = (folder / "launcher.log").open("w+", encoding="utf-8")
-        self._process = subprocess.Popen(
-            command if record else [*command, "--no-recording"],
-            stdout=self._words, stderr=self._words, start_new_session=True,
-        )  # fmt: skip
+        command = [
+            sys.executable, str(SCRIPT), "--scenario", str(resolved), "--out", str(folder), "--hold",
+            "--owner", str(os.getpid()),
+        ]  # fmt: skip
+        self._words = self._scratch.path / "launcher.log"
+        with self._words.open("wb") as words:
+            self._process = subprocess.Popen(
+                command if record else [*command, "--no-recording"],
+                stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True,
+            )  # fmt: skip
         self._mailbox = Mailbox()
         self._session: Session | None = None
         self._summary: dict[str, Any] | None = None
@@ -236,7 +242,9 @@ class Emulation:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._words.close()
+        with contextlib.suppress(OSError):  # the run did not begin, or close was called before
+            shutil.copyfile(self._words, self.folder / "logs" / self._words.name)
+        self._scratch.close()
 
     def __enter__(self) -> Self:
         return self
@@ -289,7 +297,7 @@ class Emulation:
                     self.events.append(Event.decode(payload))
 
     def _tail(self) -> str:
-        if self._words.closed:
+        if not self._words.exists():
             return "closed"
-        lines = Path(self._words.name).read_text(encoding="utf-8").splitlines()
+        lines = self._words.read_text(encoding="utf-8").splitlines()
         return " | ".join(lines[-5:]) or "it said nothing"

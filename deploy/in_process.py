@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from deploy.simulation import Observer, Simulation
 from world.grid.map_file import save_map
 
 if TYPE_CHECKING:
+    from deploy.machine.interrupts import Interrupts
     from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
     from deploy.screen.view import View
@@ -20,9 +20,9 @@ __all__ = ["run_in_process"]
 
 
 def run_in_process(
-    scenario: Scenario, folder: RunFolder, view: View, *, record: bool
+    scenario: Scenario, folder: RunFolder, view: View, *, record: bool, interrupts: Interrupts | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Run to the end or to Ctrl-C; returns the summary, and no failures: an exception passes through."""
+    """Run to the end or to the first of `interrupts`; returns the summary and what could not be written."""
     begun = time.monotonic()
     recorder = None
     if record:
@@ -47,14 +47,17 @@ def run_in_process(
         observer.view, observer.table = recorder.station, recorder.table
     simulation = Simulation(scenario, observer)
     collect_rarely()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: simulation.world.interrupt())
+    if interrupts is not None:
+        interrupts.pass_to(simulation.world.interrupt)
     try:
         result = simulation.run()
     finally:
         view.close()
         if recorder is not None:
-            recorder.close()
+            with folder.unwritten.noting("recording.rrd"):
+                recorder.close()
     if simulation.station is not None:
-        save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
-    return folder.finish(result.finals, time.monotonic() - begun), ()
+        with folder.unwritten.noting("map.yaml"):
+            save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
+    summary = folder.finish(result.finals, time.monotonic() - begun)
+    return summary, folder.unwritten.lines

@@ -36,8 +36,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     require(Path(__file__))
     from deploy.page.comparison_page import comparison_page
+    from deploy.page.html import GENERATOR
     from deploy.page.run_page import report_page
     from deploy.run_folder.reader import RunFilesError, read_run
+    from world.own_file import ForeignFileError, require_own, write_whole
 
     try:
         if options.compare is None:
@@ -46,8 +48,9 @@ def main(arguments: list[str] | None = None) -> int:
             first, second = options.compare
             out, page = second / "comparison.html", comparison_page(read_run(first), read_run(second))
         out = options.out or out
-        out.write_text(page, encoding="utf-8")
-    except RunFilesError as error:
+        require_own(out, GENERATOR)
+        write_whole(out, page)
+    except (RunFilesError, ForeignFileError) as error:
         return refuse("report.py", error)
     except OSError as error:
         return refuse("report.py", f"{out}: can't write there: {error.strerror}")
@@ -57,4 +60,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
-    sys.exit(main())
+    from deploy.command import entry
+
+    entry(main)

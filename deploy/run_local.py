@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Run one scenario on this machine, one process per robot: `deploy/run_local.py --robots 9`.
 
-Exit status: 0 when the run ended as asked, 1 when a process failed, 2 for bad input (one line, before anything starts).
+Exit status: 0 when the run ended as asked, by Ctrl-C too; 1 when a process failed or a file could not be written; 2 for
+bad input (one line, before anything starts); 130 when it was interrupted before the run began.
 """
 
 from __future__ import annotations
@@ -9,9 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from deploy.command import Parser
+    from deploy.machine.interrupts import Interrupts
+    from deploy.machine.scratch import Scratch
     from deploy.run_folder.baseline import Baseline
+    from deploy.run_folder.writer import RunFolder
     from deploy.scenario import Scenario
     from deploy.screen.view import View
 
@@ -51,7 +53,10 @@ def parser() -> Parser:
         "--compare", type=Path, metavar="RUN_DIR", help="a run without the fault: the summary tells the time lost"
     )
     p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
-    p.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/SCENARIO-TIME)")
+    p.add_argument(
+        "--out", type=Path, metavar="DIR", help="run folder, new or empty (default: a new one, runs/SCENARIO-TIME)"
+    )
+    p.add_argument("--overwrite", action="store_true", help="--out may be an earlier run's folder: replace that run")
     p.add_argument(
         "--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one, or a socket)"
     )
@@ -59,6 +64,7 @@ def parser() -> Parser:
     p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
     p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
     p.add_argument("--plain-scheduling", action="store_true", help="leave it to the kernel where processes run")
+    p.add_argument("--owner", type=int, metavar="PID", help=argparse.SUPPRESS)  # end as soon as that process is gone
     p.add_argument("-q", "--quiet", action="store_true", help="show nothing but what failed")
     return p
 
@@ -66,19 +72,29 @@ def parser() -> Parser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.command import refuse, require
+    from deploy.command import INTERRUPTED, refuse, require
+    from deploy.machine.interrupts import Interrupts, end_with
 
+    interrupts = Interrupts()
+    if options.owner is not None:
+        end_with(options.owner)
     require(Path(__file__))
-    try:
-        if options.live and (options.no_recording or options.in_process):
-            raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
-        scenario = _scenario(options)
-        baseline = _baseline(options.compare, scenario)
-        endpoint = None if options.port is None else _endpoint(options.port)
-        out = _folder(options.out, scenario.name)
-    except BadInputError as error:
-        return refuse("run_local.py", error)
-    return _run(options, scenario, baseline, endpoint, out)
+    with contextlib.ExitStack() as held:
+        try:
+            if options.live and (options.no_recording or options.in_process):
+                raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
+            scenario = _scenario(options)
+            baseline = _baseline(options.compare, scenario)
+            endpoint = None if options.port is None else _endpoint(options.port)
+            if not options.in_process:
+                _allow_files(scenario.robots)
+            if interrupts.count:
+                return INTERRUPTED
+            folder = held.enter_context(_folder(options, scenario, baseline))
+            scratch = None if options.in_process else held.enter_context(_scratch(folder))
+        except BadInputError as error:
+            return refuse("run_local.py", error)
+        return _run(options, scenario, endpoint, folder, scratch, interrupts)
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
@@ -135,55 +151,68 @@ def _endpoint(port: int) -> str:
     return endpoint
 
 
-def _folder(asked: Path | None, scenario: str) -> Path:
-    """Make the run folder.
+def _allow_files(robots: int) -> None:
+    from deploy.machine.limits import LimitError, allow_files
 
-    Raises:
-        BadInputError: it can't be made or written, or a run is under way in it.
-    """
-    from deploy.processes.operator_file import living_launcher
-
-    out = asked or _new_folder(Path("runs"), f"{scenario}-{time.strftime('%Y%m%d-%H%M%S')}")
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise BadInputError(f"--out {out}: can't write there: {error.strerror}") from error
-    if (pid := living_launcher(out)) is not None:
-        raise BadInputError(f"--out {out}: a run is under way there (pid {pid})")
-    return out
+        allow_files(robots)
+    except LimitError as error:
+        raise BadInputError(str(error)) from error
 
 
-def _new_folder(parent: Path, name: str) -> Path:
-    number, path = 1, parent / name
-    while path.exists():
-        number += 1
-        path = parent / f"{name}-{number}"
-    return path
+def _folder(options: argparse.Namespace, scenario: Scenario, baseline: Baseline | None) -> RunFolder:
+    """Claim the run folder."""
+    from deploy.run_folder.claim import ClaimError, new_folder
+    from deploy.run_folder.writer import RunFolder
+
+    read = (options.scenario, scenario.tables.floor_plan.map, options.replay_faults, options.compare)
+    try:
+        out = options.out or new_folder(Path("runs"), f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}")
+        return RunFolder(
+            out, scenario, baseline, overwrite=options.overwrite, reads=[Path(path) for path in read if path]
+        )
+    except ClaimError as error:
+        raise BadInputError(f"--out {error}") from error
+
+
+def _scratch(folder: RunFolder) -> Scratch:
+    """What must not outlive the run, its operator's password included."""
+    from deploy.machine.scratch import Scratch, ScratchError
+    from deploy.processes.operator_file import OPERATOR
+
+    place = folder.path.resolve()
+    try:
+        return Scratch([place / OPERATOR, place / f"{OPERATOR}.part"])
+    except ScratchError as error:
+        folder.discard()
+        raise BadInputError(str(error)) from error
 
 
 def _run(
-    options: argparse.Namespace, scenario: Scenario, baseline: Baseline | None, endpoint: str | None, out: Path
+    options: argparse.Namespace,
+    scenario: Scenario,
+    endpoint: str | None,
+    folder: RunFolder,
+    scratch: Scratch | None,
+    interrupts: Interrupts,
 ) -> int:
     from rich.console import Console
 
-    from deploy.run_folder.writer import RunFolder
-
+    out = folder.path
     console = Console(stderr=False, quiet=options.quiet)
-    with RunFolder(out, scenario, baseline) as folder:
-        view = _view(options, console, scenario.cell_names)
-        pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
-        view.line(f"run folder {out}{pids}")
-        if scenario.remark:
-            view.line(scenario.remark)
-        if options.in_process:
-            from deploy.in_process import run_in_process
+    view = _view(options, console, scenario.cell_names)
+    pids = "" if options.in_process else f", process ids in {out / 'pids.json'}"
+    view.line(f"run folder {out}{pids}")
+    if scenario.remark:
+        view.line(scenario.remark)
+    if scratch is None:
+        from deploy.in_process import run_in_process
 
-            summary, failures = run_in_process(scenario, folder, view, record=not options.no_recording)
-        else:
-            summary, failures = _run_processes(options, scenario, endpoint, folder, view)
+        summary, failures = run_in_process(
+            scenario, folder, view, record=not options.no_recording, interrupts=interrupts
+        )
+    else:
+        summary, failures = _run_processes(options, scenario, endpoint, folder, scratch, view, interrupts)
     _report(console, out, summary)
     for failure in failures:
         print(f"run_local.py: failed: {failure}", file=sys.stderr)
@@ -201,25 +230,30 @@ def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...])
 
 
 def _run_processes(
-    options: argparse.Namespace, scenario: Scenario, endpoint: str | None, folder: Any, view: View
+    options: argparse.Namespace,
+    scenario: Scenario,
+    endpoint: str | None,
+    folder: RunFolder,
+    scratch: Scratch,
+    view: View,
+    interrupts: Interrupts,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     from bus.session import free_endpoint, local_endpoint, port_of
+    from deploy.machine.scratch import home_of_tempfile
     from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
     from deploy.screen.live_viewer import LiveViewer, has_display
 
     live_port = port_of(free_endpoint()) if options.live else None
     with contextlib.ExitStack() as beside:
-        if endpoint is None:
-            temporary = Path(beside.enter_context(tempfile.TemporaryDirectory(prefix="vds-")))
-            endpoint = local_endpoint(temporary, scenario.robots)
+        beside.enter_context(home_of_tempfile(scratch.path))
         fleet = Fleet(
-            scenario, folder.path, endpoint, record=not options.no_recording, live_port=live_port,
-            held=options.hold, plain_scheduling=options.plain_scheduling,
+            scenario, folder.path, endpoint or local_endpoint(scratch.path, scenario.robots),
+            record=not options.no_recording, live_port=live_port, held=options.hold,
+            plain_scheduling=options.plain_scheduling,
         )  # fmt: skip
         launcher = Launcher(fleet, folder, view)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, lambda *_: launcher.interrupt())
+        interrupts.pass_to(launcher.interrupt)
         if live_port is not None:
             web_port = None if has_display(os.environ) else port_of(free_endpoint())
             beside.enter_context(LiveViewer(live_port, web_port, folder.path / "logs" / "viewer.log", view.line))
@@ -241,4 +275,6 @@ def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
 
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
-    sys.exit(main())
+    from deploy.command import entry
+
+    entry(main)

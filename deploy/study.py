@@ -8,11 +8,11 @@ failed (or `--compare` found a difference), 2 for bad input (one line, before an
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import platform
 import random
 import shlex
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def parser() -> Parser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.command import refuse, require
+    from deploy.command import INTERRUPTED, refuse, require
 
     require(Path(__file__), ALSO_NEEDED)
     from deploy.sweep.row import one_thread
@@ -78,8 +78,8 @@ def main(arguments: list[str] | None = None) -> int:
         return max([_run(study, points, workers, options) for study, points in plans])
     except KeyboardInterrupt:
         print("study.py: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
-    except WorkersGoneError as error:
+        return INTERRUPTED
+    except (OSError, WorkersGoneError) as error:
         print(f"study.py: {error}; the same command goes on from here", file=sys.stderr)
         return 1
     finally:
@@ -141,22 +141,26 @@ def _run(study: Study, points: list[Point], workers: Workers | None, options: ar
     from rich.console import Console
 
     from deploy.command import refuse
+    from deploy.run_folder.claim import ClaimError
     from deploy.sweep.results import Results
 
-    console = Console()
-    try:
-        results = Results(_folder(study, options))
-    except OSError as error:
-        return refuse("study.py", f"{_folder(study, options)}: can't write there: {error.strerror}")
-    if workers is not None:
-        results.plan(points)
-        _execute(study, points, workers, results, console, options)
-    rows = results.rows()
-    if not rows:
-        return refuse("study.py", f"{results.folder}: no results yet")
-    planned = {point.key for point in points}
-    _draw(study, [row for row in rows if row["key"] in planned], results, console)
-    return max(_tell_failures(rows, planned, console), _compare(rows, planned, options.compare, console))
+    results = Results(_folder(study, options))
+    with contextlib.closing(results):
+        try:
+            if workers is not None or results.folder.exists():
+                results.claim()
+        except ClaimError as error:
+            return refuse("study.py", error)
+        console = Console()
+        if workers is not None:
+            results.plan(points)
+            _execute(study, points, workers, results, console, options)
+        rows = results.rows()
+        if not rows:
+            return refuse("study.py", f"{results.folder}: no results yet")
+        planned = {point.key for point in points}
+        _draw(study, [row for row in rows if row["key"] in planned], results, console)
+        return max(_tell_failures(rows, planned, console), _compare(rows, planned, options.compare, console))
 
 
 def _execute(
@@ -260,10 +264,23 @@ def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, 
 
 
 def _report(out: Path | None) -> int:
-    from deploy.command import ROOT
-    from deploy.paper.results_page import write_report
+    from deploy.command import ROOT, refuse
+    from deploy.paper.results_page import unfinished, write_report
+    from world.own_file import ForeignFileError
 
-    for page in write_report(Path("runs") / "studies", out or ROOT / "docs"):
+    studies, docs = Path("runs") / "studies", out or ROOT / "docs"
+    if (docs / "results.md").exists() and (lacking := unfinished(studies)):
+        return refuse(
+            "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. Run "
+            "those studies, or write pages of what is there into another folder by --out"
+        )  # fmt: skip
+    try:
+        pages = write_report(studies, docs)
+    except ForeignFileError as error:
+        return refuse("study.py", error)
+    except OSError as error:
+        return refuse("study.py", f"{error.filename}: can't write there: {error.strerror}")
+    for page in pages:
         print(f"written: {page}")
     return 0
 
@@ -274,6 +291,6 @@ def _say(console: Console, words: str) -> None:
 
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
-    # SIGTERM, as of a batch system, is treated as Ctrl-C: finished runs are kept.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    sys.exit(main())
+    from deploy.command import entry
+
+    entry(main)

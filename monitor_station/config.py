@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.config import RobotConfig
 from world.grid import GridGeometry
+
+JOURNAL: Final = "journal"
+MAP: Final = "map.yaml"
+"""Files of the station in the run folder."""
 
 
 def cell_title(name: str) -> str:

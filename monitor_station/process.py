@@ -8,29 +8,31 @@ from __future__ import annotations
 import functools
 import logging
 import signal
+import sys
 import threading
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final
 
 import msgpack
 
 from bus.member import END, Member, exit_status
 from bus.session import Login
 from medium.messages import Inbox, Transmission
-from monitor_station.config import RecorderConfig, StationConfig
+from monitor_station.config import JOURNAL, MAP, RecorderConfig, StationConfig
 from monitor_station.core import Station
 from world.grid.map_file import save_map
+from world.growing_file import GrowingFile
 from world.messages import Sense
 from world.seeds import node_stream
 from world.terms import STATION
+from world.unwritten import Unwritten
 
 if TYPE_CHECKING:
     from monitor_station.recording.feeder import Feeder
 
-__all__ = ["JOURNAL", "MAP", "run"]
+__all__ = ["next_part", "run"]
 
-JOURNAL: Final = "journal"
-MAP: Final = "map.yaml"
+RECORDING: Final = "recording.rrd"
 
 log = logging.getLogger(__name__)
 
@@ -63,9 +65,14 @@ class Shell:
         self, config: StationConfig, login: Login, out: Path, recorder: RecorderConfig | None, live_port: int | None
     ) -> None:
         self._config, self._out = config, out
-        self._journal: IO[bytes] | None = None
+        self._journal: GrowingFile | None = None
+        self._unwritten = Unwritten()
+        self._feeder: Feeder | None = None
         # The member comes last: once its token is declared, the ticks may begin.
-        self._feeder = None if recorder is None else _feeder(login, recorder, out, live_port)
+        self._recording = next_part(out)
+        if recorder is not None:
+            with self._unwritten.noting(self._recording.name):
+                self._feeder = _feeder(login, recorder, self._recording, live_port)
         inbox_of = functools.partial(Inbox.decode, robots=config.node.robots)
         self._member = Member(login, "station", STATION, Sense.decode, inbox_of)
         if self._feeder is not None:
@@ -74,7 +81,11 @@ class Shell:
         self._put_final = session.publisher(session.keys.final("station"), blocking=True)
 
     def run(self) -> None:
-        """All ticks; whatever ends them, the recording is closed."""
+        """All ticks; whatever ends them, the recording is closed.
+
+        Raises:
+            SystemExit: not all files could be written.
+        """
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda *_: self._member.mailbox.put(END))
         try:
@@ -83,9 +94,14 @@ class Shell:
             # The session closes first: without a launcher the medium waits for this token to drop before it ends.
             self._member.session.close()
             if self._feeder is not None:
-                self._feeder.close()
+                with self._unwritten.noting(self._recording.name):
+                    self._feeder.close()
             if self._journal is not None:
                 self._journal.close()
+                if self._journal.error is not None:
+                    self._unwritten.note(JOURNAL, self._journal.error)
+        if self._unwritten.lines:
+            sys.exit("; ".join(self._unwritten.lines))
 
     def _ticks(self) -> None:
         member = self._member
@@ -98,7 +114,8 @@ class Shell:
                 station = self._start(sense)
             frames, report = station.step(sense, inbox)
             member.phases.mark("step")
-            self._keep(station.journal())
+            if self._journal is not None:
+                self._journal.write(station.journal())
             member.answer(sense.tick, Transmission(sense.tick, STATION, frames).encode(), report.encode())
             if self._feeder is not None:
                 self._feeder.take(station)
@@ -106,13 +123,17 @@ class Shell:
         if self._feeder is not None and member.over:
             self._feeder.catch_up(last)
         if station is not None:
-            save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
+            with self._unwritten.noting(MAP):
+                save_map(self._out / MAP, self._config.node.geometry, station.merger.cells)
         counts = station.final() if station is not None else {}
         malformed = member.malformed.count + (0 if self._feeder is None else self._feeder.malformed.count)
         self._put_final(msgpack.packb(counts | {"malformed": malformed}))
 
     def _start(self, sense: Sense) -> Station:
-        """A new core; after a restart it knows the reports that earlier incarnations acknowledged."""
+        """A new core, and its journal; after a restart it knows the reports that earlier incarnations acknowledged.
+
+        The kernel keeps the journal if this process dies; only a power cut would lose it.
+        """
         node = self._config.node
         rng = node_stream(node.seed, node.node, sense.incarnation)
         station = Station(self._config, rng, sense.incarnation, sense.tick)
@@ -121,19 +142,22 @@ class Shell:
         if sense.incarnation > 0 and path.exists():
             whole = station.restore(path.read_bytes())
             log.info("back with %d scan reports from the journal", station.merger.merged)
-        self._journal = path.open("ab", buffering=0)
-        self._journal.truncate(whole)
+        with self._unwritten.noting(JOURNAL):
+            self._journal = GrowingFile(path, whole)
         return station
 
-    def _keep(self, entry: bytes) -> None:
-        """Write to the journal. The kernel keeps it if this process dies; only a power cut would lose it."""
-        assert self._journal is not None
-        while entry:
-            entry = entry[self._journal.write(entry) :]
+
+def next_part(out: Path) -> Path:
+    """The file in which this process records: a restarted station goes on in recording-2.rrd, and so on."""
+    path, part = out / RECORDING, 1
+    while path.exists():
+        part += 1
+        path = out / RECORDING.replace(".", f"-{part}.")
+    return path
 
 
-def _feeder(login: Login, config: RecorderConfig, out: Path, live_port: int | None) -> Feeder:
+def _feeder(login: Login, config: RecorderConfig, path: Path, live_port: int | None) -> Feeder:
     # Only a station that records needs Rerun.
-    from monitor_station.recording.feeder import Feeder, next_part
+    from monitor_station.recording.feeder import Feeder
 
-    return Feeder(login, config, next_part(out), live_port)
+    return Feeder(login, config, path, live_port)

@@ -10,9 +10,11 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
-__all__ = ["UNKNOWN", "card", "milliseconds", "number", "page", "percent", "say", "seconds", "table"]
+__all__ = ["GENERATOR", "UNKNOWN", "card", "milliseconds", "number", "page", "percent", "say", "seconds", "table"]
 
 _CSS: Final = Path(__file__).with_name("report.css")
+GENERATOR: Final = '<meta name="generator" content="deploy/report.py of the VDS emulator">'
+"""Near the start of every page."""
 UNKNOWN: Final = "\u2013"
 
 
@@ -20,6 +22,7 @@ def page(title: str, kind: str, body: Iterable[str]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"{GENERATOR}"
         # A second defense: text that is not escaped by mistake can neither fetch nor run anything.
         "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
         'img-src data:"><link rel="icon" href="data:,">'

@@ -6,7 +6,6 @@ A function of the results judges each claim of the paper's text. A study without
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,16 +18,20 @@ from deploy.sweep.bounds import Bounds, bounds_of
 from deploy.sweep.plan import BASE, Study, Variant, load_study, points_of
 from deploy.sweep.results import Results, Row, Series
 from deploy.sweep.statistics import ALL, estimate, kept, ratio, usable
+from world.own_file import ForeignFileError, require_own, write_whole
 
-__all__ = ["write_report"]
+__all__ = ["unfinished", "write_report"]
 
 RESULTS: Final = ("fig6", "fig7", "fig7_relay_killed", "ablations", "radio")
 POLICIES: Final = ("policies", "policies_walls", "policies_trouble", "policies_plans", "policies_limits")
 
-_HEAD: Final = """\
+_WRITER: Final = "Written by `deploy/study.py report`"
+"""Stands at the head of every page."""
+
+_HEAD: Final = f"""\
 # Results
 
-Written by `deploy/study.py report` from the results of the studies; every number and verdict below is computed.
+{_WRITER} from the results of the studies; every number and verdict below is computed.
 
 Our copy of the paper has no figures, so its Fig. 3 (the flowchart of behavior) and Fig. 5 (the floor plan) are missing.
 Our rules and floor plan are reconstructions ([paper.md](paper.md)). What can be compared is the shape of the curves,
@@ -38,10 +41,10 @@ are 95 % confidence intervals of the mean (Student's t).
 """
 
 
-_POLICIES_HEAD: Final = """\
+_POLICIES_HEAD: Final = f"""\
 # Two policies
 
-Written by `deploy/study.py report` from the results of the studies; every number is computed.
+{_WRITER} from the results of the studies; every number is computed.
 
 `vds` is the paper's policy as we read it ([paper.md](paper.md)), with one rule of ours that it cannot do without behind
 walls: a silent neighbor counts as far away [paper 3.7]. `scout` is our own policy on top of it ([its rules](scout.md)):
@@ -70,13 +73,33 @@ class _Found:
     notes: Mapping[str, Any]
 
 
+def unfinished(studies: Path) -> list[str]:
+    """The studies that lack runs, such as "fig6 (12 of 90 runs)"; a page of them would pass for a whole one."""
+    lacking = []
+    for name in (*RESULTS, *POLICIES):
+        there = {row["key"] for row in Results(studies / name).rows()}
+        planned = {point.key for point in points_of(load_study(name))} if there else set()
+        if not there or not planned <= there:
+            lacking.append(f"{name} ({len(planned & there)} of {len(planned)} runs)" if there else name)
+    return lacking
+
+
 def write_report(studies: Path, docs: Path) -> list[Path]:
     """Write results.md and policies.md into `docs`, with the pictures and tables that they show in `docs`/results.
 
     Args:
         studies: the folder that has a folder for each study.
         docs: where the report goes.
+
+    Raises:
+        ForeignFileError: files of the user's are there; nothing is written.
+        OSError: it can't be written.
     """
+    for name in ("results.md", "policies.md"):
+        require_own(docs / name, _WRITER)
+    pictures = docs / "results"
+    if not (docs / "results.md").exists() and pictures.exists() and any(pictures.iterdir()):
+        raise ForeignFileError(f"{pictures}: is there already, and is not of this command: name another folder")
     return [
         _page(docs / "results.md", _HEAD, RESULTS, studies),
         _page(docs / "policies.md", _POLICIES_HEAD, POLICIES, studies),
@@ -99,10 +122,10 @@ def _page(path: Path, head: str, names: Sequence[str], studies: Path) -> Path:
         lines += _origin(found)
         for file in (studies / name / f"{name}.png", studies / name / f"{name}.svg", studies / name / "results.csv"):
             if file.exists():
-                shutil.copyfile(file, pictures / (f"{name}.csv" if file.suffix == ".csv" else file.name))
+                write_whole(pictures / (f"{name}.csv" if file.suffix == ".csv" else file.name), file.read_bytes())
         lines += [f"![{study.title or name}](results/{name}.png)", ""]
         lines += writers.get(name, _variants)(found)
-    path.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines).rstrip() + "\n")
     return path
 
 

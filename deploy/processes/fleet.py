@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from bus.access import Login, credentials, users_of
 from bus.keys import check_run
@@ -69,9 +69,9 @@ class Fleet:
     def last_node(self) -> int:
         return self._scenario.robots
 
-    def supervisor(self) -> Supervisor:
-        """A supervisor for these processes. It has started none of them."""
-        return Supervisor(self._run, self._out / "logs", PRELOAD, self._processors)
+    def supervisor(self, held: IO[bytes]) -> Supervisor:
+        """A supervisor for these processes, each of which holds a file open. It has started none of them."""
+        return Supervisor(self._run, self._out / "logs", PRELOAD, self._processors, held)
 
     def start_all_but_last(self, supervisor: Supervisor) -> None:
         """Start medium, world, and all nodes but `last_node`. The world begins once that has started, too."""
@@ -93,5 +93,5 @@ class Fleet:
 
 def _run_name(folder: Path) -> str:
     """The name of a run as a chunk of a key: that of its folder."""
-    name = "".join("-" if c in "/*$?#@" or c.isspace() else c for c in folder.resolve().name)
+    name = "".join("-" if c in "/*$?#@" or c.isspace() or not c.isprintable() else c for c in folder.resolve().name)
     return check_run(name or "run")

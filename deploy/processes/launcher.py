@@ -24,6 +24,7 @@ from deploy.processes.operator_file import OPERATOR, write_operator
 from deploy.processes.supervisor import Exit
 from deploy.run_folder.writer import RunFolder
 from world.feed import Signal
+from world.own_file import write_whole
 from world.terms import STATION, TICK_S
 
 if TYPE_CHECKING:
@@ -54,7 +55,8 @@ class Outcome:
 
     summary: dict[str, Any]
     failures: tuple[str, ...]
-    """Of each process that failed one line, then the end of its log. Empty if the run ended as it should."""
+    """Of each process that failed one line, then the end of its log; of each file that could not be written one line.
+    Empty if the run ended as it should."""
 
     @property
     def exit_status(self) -> int:
@@ -69,7 +71,7 @@ class Launcher:
         self._fleet = fleet
         self._folder = folder
         self._view = view
-        self._supervisor = fleet.supervisor()
+        self._supervisor = fleet.supervisor(folder.claim.lock)
         self._listener = Listener(folder, view, fleet.last_node, self._supervisor.wake)
 
         # How the run ends.
@@ -103,7 +105,8 @@ class Launcher:
             session = self._connect()
             if session is not None:
                 opened.callback(session.close)
-                write_operator(self._folder.path, self._fleet.operator)
+                with self._folder.unwritten.noting(OPERATOR):
+                    write_operator(self._folder.path, self._fleet.operator)
                 opened.callback((self._folder.path / OPERATOR).unlink, missing_ok=True)
                 self._listener.listen(session)
                 # The medium hosts the router, and stays until this token drops.
@@ -119,28 +122,27 @@ class Launcher:
 
     def _show_pids(self) -> None:
         pids = {"launcher": os.getpid(), **self._supervisor.pids}
-        draft = self._folder.path / "pids.json.part"
-        draft.write_text(json.dumps(pids, indent=1) + "\n", encoding="utf-8")
-        draft.replace(self._folder.path / "pids.json")
+        with self._folder.unwritten.noting("pids.json"):
+            write_whole(self._folder.path / "pids.json", json.dumps(pids, indent=1) + "\n")
         self._view.processes(self._supervisor.pids)
 
     def _connect(self) -> Session | None:
         """Log in as the operator, in a thread, so that a failed medium and Ctrl-C are noticed meanwhile."""
-        opened: list[Session | BusError] = []
+        opened: list[Session | Exception] = []
 
         def connect() -> None:
             try:
                 opened.append(Session.connect(self._fleet.operator, watching=True))
-            except BusError as error:
+            except Exception as error:  # whatever it is, who waits for this thread must learn of it
                 opened.append(error)
             self._supervisor.wake()
 
         threading.Thread(target=connect, name="log in", daemon=True).start()
         while not opened:
-            self._ends(self._supervisor.wait())
             if self._lost or self._asked_to_stop:
                 return None
-        if isinstance(opened[0], BusError):
+            self._ends(self._supervisor.wait())
+        if isinstance(opened[0], Exception):
             self._lose(f"the launcher could not join the run: {opened[0]}")
             return None
         return opened[0]
@@ -149,13 +151,13 @@ class Launcher:
         """Carry the run to its end."""
         supervisor = self._supervisor
         while supervisor.pids:
+            if self._asked_to_stop > self._seen_stop:
+                self._stop_asked(session)
             left = None if self._give_up_at is None else max(0.0, self._give_up_at - time.monotonic())
             if left == 0.0:
                 return
             self._ends(supervisor.wait(left))
             self._listen()
-            if self._asked_to_stop > self._seen_stop:
-                self._stop_asked(session)
             if self._owing <= self._listener.finals.keys() and not {"world", _STATION} & supervisor.pids.keys():
                 if supervisor.pids.keys() == {"medium"}:
                     session.close()
@@ -215,6 +217,11 @@ class Launcher:
         """React to the ends of processes; `expected`: the launcher ended them."""
         # A process that ended because another was lost comes after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
+            if end.words:
+                self._failures.append(f"{end.name}: {end.words}")
+            # Whoever asks this launcher to end may ask the whole process group; the others are lost then.
+            if self._asked_to_stop and end.code in (-signal.SIGTERM, LOST_STATUS):
+                continue
             if expected or end.code == 0:
                 # A station that was killed or never came owes nothing.
                 if end.name == _STATION:
@@ -273,7 +280,7 @@ class Launcher:
         summary = self._folder.finish(self._listener.finals, wall_s, status=status, failures=self._failures)
         if summary["status"] == "failed" and not self._failures:
             self._failures.append(f"the world ended the run as failed at {summary['ticks'] * TICK_S:.1f} s")
-        return Outcome(summary, tuple(self._failures))
+        return Outcome(summary, (*self._failures, *self._folder.unwritten.lines))
 
 
 def _indent(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import Final
 
 from bus.access import Login
 from deploy.json_file import read_object
+from world.own_file import write_whole
 
 __all__ = ["OPERATOR", "living_launcher", "read_operator", "write_operator"]
 
@@ -18,15 +19,11 @@ _MOST_PID: Final = 2**31 - 1
 
 def write_operator(folder: Path, login: Login) -> None:
     """Write the operator's credentials and the id of this process, readable by this user only."""
-    draft = folder / f"{OPERATOR}.part"
-    draft.unlink(missing_ok=True)
     text = json.dumps({
         "run": login.run, "endpoint": login.endpoint, "user": login.user, "password": login.password,
         "launcher": os.getpid(),
     })  # fmt: skip
-    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(text)
-    draft.replace(folder / OPERATOR)
+    write_whole(folder / OPERATOR, text, mode=0o600)
 
 
 def read_operator(folder: Path) -> Login:

@@ -3,20 +3,18 @@
 The fork server imports the heavy modules once and opens nothing, so a child starts in milliseconds. A child ends with
 its launcher, however that dies: it waits on a pipe that the launcher holds open. A *stopped* child cannot wait, so the
 kernel continues it when the fork server ends, which ends with the launcher. This module does not know what processes
-do.
+do. What is sent to a whole process group, as by a terminal, is for the launcher alone to judge.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import multiprocessing.forkserver
+import multiprocessing.resource_tracker
 import os
 import selectors
 import signal
-import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,18 +22,13 @@ from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import IO, Any, Final, Self
 
-from setproctitle import setproctitle
+from deploy.machine.interrupts import SIGNALS
+from deploy.processes.child import GRACE_S, Child, Held
 
-from deploy.processes.collector import collect_rarely
+__all__ = ["Exit", "Supervisor"]
 
-__all__ = ["GRACE_S", "Exit", "Supervisor"]
-
-GRACE_S: Final = 3.0
-"""Wall time that a process has between SIGTERM and SIGKILL, to close its files."""
-
-_PR_SET_PDEATHSIG: Final = 1
 _WAKE: Final = ""
 """No process has this name."""
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -49,6 +42,9 @@ class Exit:
     pid: int
     code: int
     """Its exit status, or minus the signal that ended it."""
+    words: str = ""
+    """What did not go well although it ended in order, in one line: the message of its SystemExit, such as a file that
+    it could not write."""
 
     @property
     def by_signal(self) -> bool:
@@ -73,7 +69,14 @@ class Supervisor:
     Only `wake` is thread-safe.
     """
 
-    def __init__(self, run: str, logs: Path, preload: Sequence[str] = (), processors: Mapping[str, int] = {}) -> None:
+    def __init__(
+        self,
+        run: str,
+        logs: Path,
+        preload: Sequence[str] = (),
+        processors: Mapping[str, int] = {},
+        held: IO[bytes] | None = None,
+    ) -> None:
         """Prepare; the fork server starts as the context is entered.
 
         Args:
@@ -81,13 +84,20 @@ class Supervisor:
             logs: folder for a file per process.
             preload: modules that the fork server imports.
             processors: by name of a process. The kernel chooses for those without one.
+            held: a file that every process holds open until it ends, for its lock.
+
+        Raises:
+            OSError: the folder or the fork server can't be made.
         """
         self._run = run
         self._logs = logs
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
         self._processors = processors
+        self._held = None if held is None else Held(held)
         self._living: dict[str, BaseProcess] = {}
+        self._words: dict[str, connection.Connection] = {}
+        """By process: where its last words arrive."""
         self._wake_r, self._wake_w = os.pipe()
         os.set_blocking(self._wake_r, False)
         os.set_blocking(self._wake_w, False)
@@ -103,10 +113,12 @@ class Supervisor:
         """
         if name in self._living:
             raise ValueError(f"{name} is alive already")
-        entry = (f"vds {name} {self._run}", self.log_path(name), self._processors.get(name), target, args)
-        process = self._context.Process(target=_child, args=entry, name=name, daemon=True)
+        heard, words = self._context.Pipe(duplex=False)
+        child = Child(f"vds {name} {self._run}", self.log_path(name), self._processors.get(name), words, self._held)
+        process = self._context.Process(target=child.run, args=(target, args), name=name, daemon=True)
         process.start()
-        self._living[name] = process
+        words.close()
+        self._living[name], self._words[name] = process, heard
         self._watched.register(process.sentinel, selectors.EVENT_READ, name)
         return self.pids[name]
 
@@ -187,73 +199,42 @@ class Supervisor:
         process = self._living.pop(name)
         self._watched.unregister(process.sentinel)
         process.join()
-        end = Exit(name, process.pid or 0, process.exitcode if process.exitcode is not None else 255)
+        code = process.exitcode if process.exitcode is not None else 255
+        end = Exit(name, process.pid or 0, code, _last_words(self._words.pop(name)))
         process.close()
         return end
 
 
+def _last_words(heard: connection.Connection) -> str:
+    with heard, contextlib.suppress(EOFError, OSError):
+        if heard.poll():
+            return str(heard.recv())
+    return ""
+
+
 def _start_fork_server() -> None:
-    """Start the fork server with SIGINT ignored, which all its children then inherit, and one BLAS thread each."""
+    """Start the fork server, with one BLAS thread for each of its children, and deaf to what a whole group is sent."""
     os.environ.update(_ONE_THREAD)
+    try:
+        os.getcwd()  # noqa: PTH109  # multiprocessing asks in these words
+    except FileNotFoundError:  # it was deleted, so no relative path leads anywhere: any other folder will do
+        os.chdir("/")
     # Python 3.11's fork server does not take over sys.path, so a package that is not installed must be named.
     root = str(Path(__file__).resolve().parent.parent.parent)
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if root not in paths:
         os.environ["PYTHONPATH"] = os.pathsep.join(p for p in [root, *paths] if p)
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
     safe = os.environ.get("PYTHONSAFEPATH")
     # A folder `world` or `agents` in the user's working directory must not shadow ours.
     os.environ["PYTHONSAFEPATH"] = "1"
+    # A program inherits the signals that are blocked. While they are blocked here, none is lost to this process either.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
+        multiprocessing.resource_tracker.ensure_running()  # which ends by unblocking some
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         multiprocessing.forkserver.ensure_running()
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.environ.pop("PYTHONSAFEPATH")
         if safe is not None:
             os.environ["PYTHONSAFEPATH"] = safe
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
-
-
-def _child(title: str, log: Path, processor: int | None, target: Callable[..., None], args: tuple[Any, ...]) -> None:
-    """First function of every process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if processor is not None:
-        # Threads inherit it, so it comes before they start. The processor may have been taken from us meanwhile.
-        with contextlib.suppress(OSError):
-            os.sched_setaffinity(0, {processor})
-    with log.open("ab", buffering=0) as file:
-        os.dup2(file.fileno(), 1)
-        os.dup2(file.fileno(), 2)
-    for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    setproctitle(title)
-    collect_rarely()
-    _let_fork_server_go()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT), 0, 0, 0)
-    threading.Thread(target=_end_with_launcher, name="lifeline", daemon=True).start()
-    target(*args)
-
-
-def _let_fork_server_go() -> None:
-    """Close this child's copy of the pipe that keeps the fork server alive; only the launcher may hold it.
-
-    It has no public name. With a copy, one stopped child would keep the fork server alive, whose end makes the kernel
-    continue that child.
-    """
-    server = getattr(multiprocessing.forkserver, "_forkserver", None)
-    held = getattr(server, "_forkserver_alive_fd", None)
-    if held is not None:
-        os.close(held)
-
-
-def _end_with_launcher() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        raise RuntimeError("a supervised process has a parent")
-    connection.wait([parent.sentinel])
-    print("the launcher is gone: this process ends", file=sys.stderr)
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(GRACE_S)
-    os._exit(1)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from world.feed import Snapshot
+from world.growing_file import GrowingFile
 from world.terms import TICK_S, UNREACHABLE, Cls, seconds_of
 
 __all__ = ["RATE", "Metrics"]
@@ -33,8 +33,8 @@ class Metrics:
             OSError: it can't be written.
         """
         self._cells = cells
-        self._file = path.open("w", newline="", encoding="utf-8")
-        self._rows = csv.writer(self._file)
+        self.file = GrowingFile(path)
+        self._rows = csv.writer(self.file)
         self._rows.writerow([*_COLUMNS, *(RATE + cell for cell in cells)])
         self._second = -1
         """Simulated second of the last row."""
@@ -65,11 +65,3 @@ class Metrics:
         return {"time_s": [self._time_s[i] for i in kept]} | {
             cell: [self._rates[i][k] for i in kept] for k, cell in enumerate(self._cells)
         }
-
-    def flush(self) -> None:
-        """Write all rows so far to the disk."""
-        self._file.flush()
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        self._file.close()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.excerpt import shown
+from deploy.scenario.name import name_of
 from deploy.scenario.tables import ScenarioError, nearest
 from world.user_file import read_text
 
@@ -61,7 +62,7 @@ def read_source(source: str) -> tuple[dict[str, Any], Path]:
     path = _at_home(source)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return {"name": path.stem, "floor_plan": {"map": path.name}}, path
+        return {"name": name_of(path.stem), "floor_plan": {"map": path.name}}, path
     if suffix != ".toml":
         if source not in names():
             known = f"{nearest(source, names())} (or give the path of a .toml or a map's .yaml)"

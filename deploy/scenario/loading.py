@@ -12,6 +12,7 @@ from agents.policies import PolicyError, policy_class
 from bus.excerpt import shown
 from deploy.scenario.arena import survey
 from deploy.scenario.files import located, read_source
+from deploy.scenario.name import check_name
 from deploy.scenario.scenario import Scenario
 from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fault
 from world.config import Fault
@@ -44,6 +45,8 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
         plan = raw.get("floor_plan")
         if isinstance(plan, dict) and isinstance(plan.get("map"), str):
             plan["map"] = str(located(plan["map"], path.parent))
+            if plan["map"].encode(errors="ignore").decode() != plan["map"]:
+                raise ScenarioError(f"floor_plan.map = '{shown(plan['map'])}': the path is not UTF-8, as TOML must be")
         _apply_policy(raw)
         tables = _with_faults(validate(raw), more)
         _check(tables)
@@ -107,6 +110,7 @@ def _with_faults(tables: Tables, more: Any) -> Tables:
 
 def _check(tables: Tables) -> None:
     """Check what depends on several fields."""
+    check_name(tables.name)
     try:
         tables.rules.check()
     except ValueError as error:

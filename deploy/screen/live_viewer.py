@@ -85,13 +85,17 @@ class LiveViewer:
             return
         if not self._served():
             return
-        self._log.parent.mkdir(parents=True, exist_ok=True)
-        with self._log.open("wb") as log:
-            # A session of its own, so that Ctrl-C in the terminal reaches the run only.
-            self._process = subprocess.Popen(
-                viewer_command(rerun, self._port, self._web_port),
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-            )  # fmt: skip
+        try:
+            self._log.parent.mkdir(parents=True, exist_ok=True)
+            with self._log.open("wb") as log:
+                # A session of its own, so that Ctrl-C in the terminal reaches the run only.
+                self._process = subprocess.Popen(
+                    viewer_command(rerun, self._port, self._web_port),
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                )  # fmt: skip
+        except OSError as error:
+            self._say(f"no viewer: {error}")
+            return
         if self._web_port is not None:
             source = quote(f"rerun+http://127.0.0.1:{self._port}/proxy", safe="")
             self._say(f"watch it: http://127.0.0.1:{self._web_port}/?url={source}")

@@ -20,6 +20,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from bus.excerpt import shown
 from deploy.scenario import Scenario, ScenarioError, load
 from deploy.scenario.files import located, read_toml
+from deploy.scenario.name import check_name, name_of
 from deploy.scenario.tables import nearest
 
 __all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "study_names"]
@@ -113,7 +114,7 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         path = FOLDER / f"{source}.toml"
     raw = read_toml(path)
     try:
-        study = _validate({"name": path.stem, **raw})
+        study = _validate({"name": name_of(path.stem), **raw})
         _check(study)
     except ScenarioError as error:
         raise ScenarioError(f"{shown(source)}: {error}") from None
@@ -191,6 +192,7 @@ _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
 
 
 def _check(study: Study) -> None:
+    check_name(study.name)
     for table in (study.axes, study.quick, *(variant.axes for variant in study.variant)):
         for key, values in _flat(table).items():
             _values(key, values)

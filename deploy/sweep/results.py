@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bus.excerpt import shown
 from deploy.json_file import read_object
+from deploy.run_folder.claim import explained, refuse_foreign, take_lock
 from deploy.sweep.plan import Point
 from deploy.sweep.row import ERROR, Finished
+from world.own_file import write_whole
 
 __all__ = ["WALL_COLUMNS", "Results", "differences"]
 
@@ -39,6 +41,13 @@ WALL_COLUMNS: Final = (
 )
 """Columns, or prefixes of columns before a dot, that may differ between two runs of one scenario."""
 
+LOCK: Final = "study.lock"
+_WRITTEN: Final = (
+    LOCK, "parts/*", "scenarios/*", "results.parquet*", "results.csv*", "series.parquet*", "study.json*", "*.png",
+    "*.svg",
+)  # fmt: skip
+"""All that a study writes."""
+
 _FIRST: Final = ("key", "variant", "engine", "scenario", "seed", "robots", "radius_m", "status", "error")
 
 
@@ -46,16 +55,31 @@ class Results:
     """The folder of one study's results."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or make the folder.
-
-        Raises:
-            OSError: it can't be made or written.
-        """
+        """Look at a folder, which need not be there."""
         self.folder = folder
         self._parts = folder / "parts"
         self._scenarios = folder / "scenarios"
-        for path in (self._parts, self._scenarios):
-            path.mkdir(parents=True, exist_ok=True)
+        self._lock: IO[bytes] | None = None
+
+    def claim(self) -> None:
+        """Take the folder for this process: a new, an empty, or a study's. It is made if it is not there.
+
+        Raises:
+            ClaimError: it holds something else, another study is under way there, or it can't be written.
+        """
+        with explained(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            marked = (self.folder / LOCK).exists() or (self._parts.is_dir() and self._scenarios.is_dir())
+            refuse_foreign(self.folder, _WRITTEN, "study", marked=marked)
+            self._lock = take_lock(self.folder / LOCK)
+            for path in (self._parts, self._scenarios):
+                path.mkdir(exist_ok=True)
+
+    def close(self) -> None:
+        """Let another study have the folder."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
 
     def rows(self) -> list[Row]:
         """All rows, by key."""
@@ -83,7 +107,7 @@ class Results:
         for point in points:
             path = self.scenario_path(point.key)
             if not path.exists():
-                _write(path, point.toml.encode())
+                write_whole(path, point.toml)
 
     def scenario_path(self, key: str) -> Path:
         """The file for `run_local.py --scenario` that repeats one run."""
@@ -92,7 +116,7 @@ class Results:
     def add(self, finished: Finished) -> None:
         """Write one finished run to the disk."""
         text = json.dumps({"row": finished.row, "series": finished.series})
-        _write(self._parts / f"{finished.row['key']}.json", text.encode())
+        write_whole(self._parts / f"{finished.row['key']}.json", text)
 
     def compact(self) -> None:
         """Merge everything into results.parquet, results.csv and series.parquet."""
@@ -112,7 +136,7 @@ class Results:
 
     def note(self, facts: Mapping[str, Any]) -> None:
         """Write facts on the execution (command, machine, wall time), which are no part of a result."""
-        _write(self.folder / "study.json", (json.dumps(facts, indent=1) + "\n").encode())
+        write_whole(self.folder / "study.json", json.dumps(facts, indent=1) + "\n")
 
     def noted(self) -> dict[str, Any]:
         """The facts that `note` wrote; empty if there are none."""
@@ -185,24 +209,14 @@ def _read(path: Path) -> list[Row]:
 
 
 def _write_parquet(path: Path, table: Any) -> None:
-    draft = path.with_name(path.name + ".part")
-    pq.write_table(table, draft, compression="zstd")
-    draft.replace(path)
+    content = io.BytesIO()
+    pq.write_table(table, content, compression="zstd")
+    write_whole(path, content.getvalue())
 
 
 def _write_csv(path: Path, columns: list[str], rows: list[Row]) -> None:
-    draft = path.with_name(path.name + ".part")
-    with draft.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    draft.replace(path)
-
-
-def _write(path: Path, data: bytes) -> None:
-    draft = path.with_name(path.name + ".part")
-    with draft.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    draft.replace(path)
+    content = io.StringIO(newline="")
+    writer = csv.DictWriter(content, columns, extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, content.getvalue())

@@ -83,10 +83,12 @@ def _in_process(scenario: Scenario, folder: RunFolder) -> dict[str, Any]:
 
 def _with_processes(scenario: Scenario, folder: RunFolder, temporary: Path) -> dict[str, Any]:
     from bus.session import local_endpoint
+    from deploy.machine.limits import allow_files
     from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
     from deploy.screen.view import Silence
 
+    allow_files(scenario.robots)
     fleet = Fleet(scenario, folder.path, local_endpoint(temporary, scenario.robots), record=False)
     return Launcher(fleet, folder, Silence()).run().summary
 

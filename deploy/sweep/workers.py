@@ -5,6 +5,7 @@ Only this process writes results, so workers need no shared disk. A worker that 
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import multiprocessing
 import signal
@@ -15,8 +16,9 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
+from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
 
@@ -25,6 +27,10 @@ __all__ = ["DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
 
 class WorkersGoneError(Exception):
     """No worker can be reached any more; one line for the user. The runs under way there are still to do."""
+
+
+_OF_WORKER: Final = contextlib.ExitStack()
+"""What a worker of a local pool holds until it ends."""
 
 
 class Workers(Protocol):
@@ -113,9 +119,13 @@ class DaskCluster:
 
 def _begin_worker(lifeline: Connection) -> None:
     one_thread()
-    # Ctrl-C reaches all processes of the terminal; only the study reacts.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and the end of a terminal reach all its processes; only the study reacts.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
+    # A worker ends without a word, with its runs under way: what they have in temporary folders goes with it.
+    scratch = _OF_WORKER.enter_context(Scratch())
+    _OF_WORKER.enter_context(home_of_tempfile(scratch.path))
 
 
 @dataclass

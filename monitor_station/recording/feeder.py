@@ -18,22 +18,12 @@ from monitor_station.view import StationView
 from world.feed import Event, unpack_feed
 from world.terms import Cls
 
-__all__ = ["Feeder", "next_part"]
+__all__ = ["Feeder"]
 
-RECORDING: Final = "recording.rrd"
 _POLL_S: Final = 0.2
 _TOGETHER_TICKS: Final = 30
 _TOGETHER_S: Final = 0.1
 """Ticks, or wall time, that are recorded at a time: one by one, each tick finds the caches cold."""
-
-
-def next_part(out: Path) -> Path:
-    """The file in which this process records: a restarted station goes on in recording-2.rrd, and so on."""
-    path, part = out / RECORDING, 1
-    while path.exists():
-        part += 1
-        path = out / RECORDING.replace(".", f"-{part}.")
-    return path
 
 
 class Feeder:
@@ -82,7 +72,11 @@ class Feeder:
                 self._record(message)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file.
+
+        Raises:
+            OSError: not all of it could be written.
+        """
         self._session.close()
         self._drain()
         self._recorder.close()

@@ -110,7 +110,11 @@ class Recorder:
                 self._stream.send(path, rows, pages, lengths=[1] * len(rows.ticks))
 
     def close(self) -> None:
-        """Write everything that waits and the file's footer; a second call does nothing."""
+        """Write everything that waits and the file's footer; a second call does nothing.
+
+        Raises:
+            OSError: not all of the file could be written.
+        """
         if self._closed:
             return
         self._closed = True

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from monitor_station.config import RecorderConfig
 from monitor_station.recording import blueprint
+from monitor_station.recording.pipe_file import PipeFile
 
 __all__ = ["Rows", "Stream"]
 
@@ -59,7 +60,7 @@ class Stream:
         Raises:
             OSError: the file cannot be written.
         """
-        path.open("wb").close()
+        self._file = PipeFile(path)
         self._rec = rr.RecordingStream(
             "vds",
             recording_id=config.recording_id or None,
@@ -67,7 +68,7 @@ class Stream:
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
-        sinks: list[Any] = [rr.FileSink(path)]
+        sinks: list[Any] = [rr.FileSink(self._file.entrance)]
         if live_port is not None:
             sinks.append(rr.GrpcServerSink(bind_ip="127.0.0.1", port=live_port, server_memory_limit="512MiB"))
         self._rec.set_sinks(*sinks, default_blueprint=blueprint.build(config))
@@ -114,6 +115,11 @@ class Stream:
         rows.clear()
 
     def close(self) -> None:
-        """Write the file's footer."""
+        """Write the file's footer.
+
+        Raises:
+            OSError: not all of the file could be written.
+        """
         self._rec.flush()
         self._rec.disconnect()
+        self._file.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from tests.bench.mission import machine, mission, simulated
 from tests.bench.recording import paired, recorder_cost
 from tests.bench.row import Row
 from tests.bench.scaling import scaling
+from world.own_file import ForeignFileError, require_own, write_whole
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ SCENARIOS = {9: "three_cells", 30: "three_cells_wide", 100: "hundred"}
 def main() -> None:
     """Run everything, print the tables, write the JSON."""
     options = _parser().parse_args()
+    if options.json is not None:
+        _require_place(options.json)
     console = Console(width=155)
     plan = QUICK if options.quick else FULL
     sizes = options.robots or sorted(SCENARIOS)
@@ -60,7 +64,17 @@ def main() -> None:
     console.print("recorder on made-up missions:", *recorder, f"\nrecording on against off, 9 robots: {on_off}")
     if options.json is not None:
         content = {"machine": machine(), "rows": [_plain(row, rows) for row in rows]}
-        options.json.write_text(json.dumps(content | {"recorder": recorder, "recording": on_off}, indent=1) + "\n")
+        write_whole(options.json, json.dumps(content | {"recorder": recorder, "recording": on_off}, indent=1) + "\n")
+
+
+def _require_place(file: Path) -> None:
+    """Look before all that is measured whether it can be written, and is not in place of a file of the user's."""
+    try:
+        require_own(file, '"machine":')
+        if not os.access(file.parent, os.W_OK):
+            raise ForeignFileError(f"{file}: can't write there")
+    except (OSError, ForeignFileError) as error:
+        _parser().error(f"--json: {error}")
 
 
 def _scale(console: Console, plan: Plan, file: Path | None) -> None:
@@ -69,7 +83,7 @@ def _scale(console: Console, plan: Plan, file: Path | None) -> None:
         points.append(dataclasses.asdict(point))
         console.print(point, highlight=False)
     if file is not None:
-        file.write_text(json.dumps({"machine": machine(), "points": points}, indent=1) + "\n")
+        write_whole(file, json.dumps({"machine": machine(), "points": points}, indent=1) + "\n")
 
 
 def _parser() -> argparse.ArgumentParser:

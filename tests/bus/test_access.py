@@ -19,7 +19,17 @@ import zenoh
 from bus.access import credentials, dictionary, router_config, rules, users_of
 from bus.codec import WireError
 from bus.keys import ROWS, Keys, check_run
-from bus.session import BusError, Login, Mailbox, Session, free_endpoint, local_endpoint, new_token, require_free
+from bus.session import (
+    BusError,
+    Login,
+    Mailbox,
+    Session,
+    free_endpoint,
+    local_endpoint,
+    new_token,
+    port_of,
+    require_free,
+)
 
 ROBOTS = 5
 SILENCE_S = 0.3
@@ -280,3 +290,20 @@ def test_keys_are_read_back() -> None:
     token = new_token("robot", 4)
     assert keys.token_of(keys.token(token)) == token
     assert [Keys.node_of(k) for k in (keys.tx(4), keys.rx(5), keys.table(6), keys.word(0))] == [4, 5, 6, 0]
+
+
+@pytest.mark.parametrize(
+    ("folder", "robots", "local"),
+    [("/tmp/x", 20, True), ("/tmp/x", 21, False), ("/tmp/" + "x" * 200, 3, False), ("/tmp/a#b?c", 3, False)],
+)
+def test_a_local_endpoint_is_a_socket_only_where_one_can_be(folder: str, robots: int, local: bool) -> None:
+    endpoint = local_endpoint(Path(folder), robots)
+    assert endpoint == f"unixsock-stream/{folder}/router" if local else port_of(endpoint) > 0
+
+
+def test_the_router_leaves_no_password_on_a_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    logins = credentials("memory", local_endpoint(tmp_path, 3), 3)
+    with Session.host(logins["medium"], users_of(logins)), Session.connect(logins["world"]) as session:
+        assert session.connected()
+        assert {path.name for path in tmp_path.iterdir()} == {"router", "router.lock"}

@@ -13,7 +13,6 @@ import pytest
 
 from deploy.processes.operator_file import OPERATOR, living_launcher, read_operator
 from deploy.run_folder.writer import RunFolder
-from deploy.scenario import load
 from world.feed import Event, Snapshot
 from world.terms import UNREACHABLE
 
@@ -135,13 +134,3 @@ def test_a_run_lives_as_long_as_its_launcher(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=OPERATOR) as refused:
             read_operator(tmp_path)
         assert len(str(refused.value)) < 300
-
-
-def test_a_folder_that_is_used_again_keeps_nothing_of_the_earlier_run(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
-    left = ("summary.json", "recording.rrd", "recording-2.rrd", "journal", "map.yaml", "map.pgm", "logs/world.log")
-    for name in (*left, "notes.txt"):
-        (tmp_path / name).write_text("old")
-    RunFolder(tmp_path, load("three_cells")).close()
-    assert not [name for name in left if (tmp_path / name).exists()]
-    assert (tmp_path / "notes.txt").read_text() == "old"

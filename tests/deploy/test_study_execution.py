@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -48,9 +48,9 @@ def pool() -> Iterator[LocalPool]:
     workers.close()
 
 
-def test_only_what_is_missing_is_run(tmp_path: Path) -> None:
+def test_only_what_is_missing_is_run(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
     points = points_of(load_study(str(tiny(tmp_path, 5, 5.0))))
-    results = Results(tmp_path / "out")
+    results = claimed(tmp_path / "out")
     workers = Threads()
     for _, run in Execution(workers, "in-process", 1, pretend).results(points[:3]):
         results.add(run)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -41,9 +42,9 @@ set.rules.routing.sticky = true
     assert efforts == sorted(efforts, reverse=True)
 
 
-def test_a_stored_scenario_is_the_very_run(tmp_path: Path) -> None:
+def test_a_stored_scenario_is_the_very_run(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
     point = points_of(load_study(str(tiny(tmp_path, 1, 5.0))))[0]
-    results = Results(tmp_path / "out")
+    results = claimed(tmp_path / "out")
     results.plan([point])
     assert load(results.scenario_path(point.key)).to_toml() == point.toml
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +100,12 @@ def as_planned(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{**r, "key": keys[r["variant"], r["robots"], r["radius_m"], r["seed"]]} for r in rows]
 
 
-def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
+def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
     studies, docs = tmp_path / "studies", tmp_path / "docs"
     pages = write_report(studies, docs)
     assert [page.name for page in pages] == ["results.md", "policies.md"]
     assert sum(page.read_text().count("Not measured yet") for page in pages) == len(study_names())
-    results = Results(studies / "fig7")
+    results = claimed(studies / "fig7")
     for found in as_planned("fig7", fig7_rows()):
         results.add(Finished(found, {}))
     superseded = {**row(12, 20.0, 11, 9999.0), "key": "of-a-former-plan"}
@@ -121,8 +122,10 @@ def test_the_report_takes_its_numbers_from_the_tables(tmp_path: Path) -> None:
     assert (docs / "results" / "fig7.csv").exists()
 
 
-def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(tmp_path: Path) -> None:
-    results = Results(tmp_path / "studies" / "policies")
+def test_the_page_of_policies_shows_both_ratios_and_what_walking_faster_has_of_the_gain(
+    tmp_path: Path, claimed: Callable[[Path], Results]
+) -> None:
+    results = claimed(tmp_path / "studies" / "policies")
     means_s = {"vds": 400.0, "scout": 200.0, "scout at 1 km/h": 300.0}
     rows = [row(9, 20.0, seed, time_s, variant=v) for v, time_s in means_s.items() for seed in (1, 2)]
     for found in as_planned("policies", rows):

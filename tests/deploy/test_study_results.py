@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ def finished(key: str, **more: Any) -> Finished:
     return Finished({**row(2, 20.0, 1, None), "key": key, **more}, cells)
 
 
-def test_parts_and_tables_hold_the_same(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_parts_and_tables_hold_the_same(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
+    results = claimed(tmp_path)
     results.add(finished("a", speed=2.0))
     results.add(finished("b", speed="max"))
     series = results.series()
@@ -36,14 +37,14 @@ def test_parts_and_tables_hold_the_same(tmp_path: Path) -> None:
     assert (tmp_path / "results.csv").read_text().count("\n") == 4
 
 
-def test_an_unfinished_file_is_no_result(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_an_unfinished_file_is_no_result(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
+    results = claimed(tmp_path)
     (tmp_path / "parts" / "a.json.part").write_text('{"row": {"ke')
     assert results.done() == set()
 
 
-def test_failed_runs_are_done_unless_asked_for_again(tmp_path: Path) -> None:
-    results = Results(tmp_path)
+def test_failed_runs_are_done_unless_asked_for_again(tmp_path: Path, claimed: Callable[[Path], Results]) -> None:
+    results = claimed(tmp_path)
     results.add(finished("a", status=ERROR, error="ValueError: no"))
     results.add(finished("b"))
     assert results.done() == {"a", "b"}

@@ -220,6 +220,7 @@ def _files(folder: Path) -> Iterator[WayIn]:
     write_operator(operator, login)
     study = (ROOT / "deploy" / "studies" / "policies_limits.toml").read_bytes()
     results = Results(folder / "results")
+    results.claim()
     results.note({"command": "study"})
     part = json.dumps({"row": {"key": "a", "status": "searched"}, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
 

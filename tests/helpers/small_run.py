@@ -39,7 +39,8 @@ from world.messages import Motion, Report, Sense, Status, Stop
 from world.terms import STATION
 
 # Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
-os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+# An empty entry would be the working folder.
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(["pytest", "tests.helpers.small_run"])
 BROKEN = 13

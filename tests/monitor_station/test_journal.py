@@ -10,7 +10,7 @@ import pytest
 from deploy.scenario import load
 from deploy.simulation import Simulation
 from monitor_station.core import Station
-from monitor_station.recording.feeder import next_part
+from monitor_station.process import next_part
 from tests import ROOT
 
 TICKS = 150

@@ -12,24 +12,17 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from bus.session import BusError, Login, Session, free_endpoint, port_of
+from bus.session import free_endpoint, port_of
 from tests import ROOT
+from tests.helpers.running import LONG, Running, assert_readable, command, gone
 from tests.helpers.waiting import alive, wait_until
 
-SCRIPT = ROOT / "deploy" / "run_local.py"
 CTL = ROOT / "deploy" / "ctl.py"
-LONG = ["--duration", "3000", "--robots", "3"]
-"""Too few robots to finish, and more time than any of these tests takes."""
-
-
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, str(SCRIPT), *map(str, arguments)]
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -74,6 +67,7 @@ BAD: dict[str, tuple[Callable[[Path], list[object]], str]] = {
     "no image": (lambda tmp: ["--scenario", no_image(tmp)], "map.pgm"),
     "station in a wall": (lambda tmp: ["--scenario", station_in_wall(tmp)], "wall"),
     "folder under a file": (lambda _: ["--out", "/dev/null/run"], "/dev/null/run"),
+    "folder that can't be made": (lambda _: ["--out", "/proc/run"], "/proc/run"),
     "port out of range": (lambda _: ["--port", 70000], "70000"),
     "unknown option": (lambda _: ["--robot-count", 3], "--robot-count"),
     "replay of no run": (lambda tmp: ["--replay-faults", tmp / "none"], "none/summary.json"),
@@ -131,84 +125,6 @@ def test_without_its_dependencies_it_says_how_to_get_them(script: list[str], tmp
     assert f".venv/bin/python deploy/{script[0]}" in ended.stderr
 
 
-class Running:
-    """A run under way, started as a user starts it."""
-
-    def __init__(self, out: Path, *arguments: object) -> None:
-        self.out = out
-        self.session: Session | None = None
-        self.process = subprocess.Popen(
-            command("--out", out, *arguments),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-
-    def pids(self) -> dict[str, int]:
-        try:
-            return json.loads((self.out / "pids.json").read_text())  # type: ignore[no-any-return]
-        except FileNotFoundError:
-            return {}
-
-    def status(self) -> dict[str, Any] | None:
-        """The answer of the world; None before it answers."""
-        if self.process.poll() is not None:
-            _, words = self.process.communicate()
-            pytest.fail(f"the run has ended with status {self.process.returncode}: {words}")
-        try:
-            if self.session is None:
-                told = json.loads((self.out / "operator.json").read_text())
-                login = Login(told["run"], told["endpoint"], told["user"], told["password"])
-                self.session = Session.connect(login, watching=True, timeout_s=10)
-            answer = self.session.ask(self.session.keys.control, "status", timeout_s=2)
-        except (FileNotFoundError, BusError):
-            return None
-        return json.loads(answer)  # type: ignore[no-any-return]
-
-    def simulated_s(self) -> float:
-        status = self.status()
-        return -1.0 if status is None else float(status["tick"]) / 10
-
-    def wait_for(self, seconds: float) -> dict[str, int]:
-        """Wait until `simulated_s` seconds are simulated; returns the pids."""
-        wait_until(lambda: self.simulated_s() >= seconds, 60, f"{seconds} s simulated")
-        return self.pids()
-
-    def press_ctrl_c(self) -> None:
-        """Send SIGINT to the whole process group, as a terminal does."""
-        os.killpg(self.process.pid, signal.SIGINT)
-
-    def ended(self, timeout_s: float) -> tuple[int, str, str]:
-        out, errors = self.process.communicate(timeout=timeout_s)
-        return self.process.returncode, out, errors
-
-    def summary(self) -> dict[str, Any]:
-        return json.loads((self.out / "summary.json").read_text())  # type: ignore[no-any-return]
-
-
-@pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
-    runs: list[Running] = []
-
-    def begin(*arguments: object) -> Running:
-        runs.append(Running(tmp_path / f"run-{len(runs)}", *arguments))
-        return runs[-1]
-
-    yield begin
-    for each in runs:
-        if each.session is not None:
-            each.session.close()
-        pids = [pid for name, pid in each.pids().items() if name != "launcher"]
-        each.process.kill()
-        each.process.communicate()
-        wait_until(lambda pids=pids: not any(map(alive, pids)), 5, "no process is left")  # type: ignore[misc]
-
-
-def gone(pids: dict[str, int], but: tuple[str, ...] = ()) -> bool:
-    return not any(alive(pid) for name, pid in pids.items() if name not in but)
-
-
 @pytest.mark.processes
 def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callable[..., Running]) -> None:
     running = start("--robots", 3, "--duration", 20)
@@ -227,6 +143,26 @@ def test_a_short_run_ends_at_its_time_limit_and_leaves_everything(start: Callabl
     }  # fmt: skip
     assert "time_limit" in out
     assert gone(running.pids())
+
+
+@pytest.mark.processes
+def test_of_two_launchers_with_one_folder_one_runs(tmp_path: Path) -> None:
+    pair = [Running(tmp_path / "run", "--robots", 2, "--duration", 5, "-q") for _ in range(2)]
+    ends = sorted(running.ended(60) for running in pair)
+    assert [status for status, _, _ in ends] == [0, 2]
+    assert ends[0][2] == ""
+    assert ends[1][2].count("\n") == 1
+    assert "run is under way there" in ends[1][2] or "holds an earlier run" in ends[1][2]
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["status"] == "time_limit"
+
+
+@pytest.mark.processes
+def test_a_held_run_is_interrupted_as_any(start: Callable[..., Running]) -> None:
+    running = start(*LONG, "--hold")
+    wait_until(lambda: running.status() is not None, 60, "the world answers")
+    running.process.terminate()
+    assert running.ended(30)[::2] == (0, "")
+    assert running.summary()["status"] == "interrupted"
 
 
 @pytest.mark.processes
@@ -258,7 +194,7 @@ def test_the_same_run_in_one_process_has_the_same_digest(
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("end", [Running.press_ctrl_c, lambda running: running.process.terminate()])
+@pytest.mark.parametrize("end", [Running.press_ctrl_c, lambda running: running.process.terminate(), Running.hang_up])
 def test_an_interrupted_run_keeps_what_it_has(start: Callable[..., Running], end: Callable[[Running], None]) -> None:
     running = start(*LONG)
     pids = running.wait_for(5)
@@ -364,15 +300,3 @@ def test_a_hand_on_the_run(start: Callable[..., Running]) -> None:
 
 def events_of(out: Path, kind: str) -> list[str]:
     return [line for line in (out / "events.jsonl").read_text().splitlines() if json.loads(line)["kind"] == kind]
-
-
-def assert_readable(recording: Path) -> None:
-    """Read it in a process of its own: Rerun must not be loaded into the one that runs the tests."""
-    program = (
-        "import sys, rerun.chunk as c; print(len({chunk.entity_path for chunk in c.RrdReader(sys.argv[1]).stream()}))"
-    )
-    told = subprocess.run(
-        [sys.executable, "-c", program, str(recording)], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert told.returncode == 0, told.stderr
-    assert int(told.stdout) > 5

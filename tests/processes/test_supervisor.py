@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing.forkserver
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from deploy.processes.supervisor import Exit, Supervisor
+from deploy.run_folder.claim import Claim, ClaimError
 from tests import ROOT
 from tests.helpers.waiting import alive, wait_until
 
@@ -29,6 +31,17 @@ def ends(words: str) -> None:
 
 def fails() -> None:
     raise ValueError("the reason")
+
+
+def prints_too_much() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+    for _ in range(100):
+        print("a policy that prints in every step")
+        print("and complains", file=sys.stderr)
+
+
+def complains_in_the_end() -> None:
+    sys.exit("journal could not be written: no room")
 
 
 def waits(ready: Path | None = None) -> None:
@@ -89,6 +102,22 @@ def test_an_exception_is_told_from_a_signal(supervisor: Supervisor) -> None:
     assert (end.code, end.by_signal) == (-signal.SIGKILL, True)
     assert str(end) == f"robot/1 (pid {pid}) ended by SIGKILL"
     assert "the reason" in supervisor.tail("robot/1"), "the log of a name goes on after a restart"
+
+
+def test_a_log_that_is_full_ends_nobody_and_is_told(supervisor: Supervisor) -> None:
+    pid = supervisor.start("robot/1", prints_too_much)
+    words = "logs/robot-1.log could not be written: File too large"
+    assert wait_for_end(supervisor) == Exit("robot/1", pid, 0, words)
+    assert supervisor.tail("robot/1", 1).startswith("a policy that")
+
+
+def test_the_message_of_an_end_is_handed_on_though_no_disk_takes_it(supervisor: Supervisor) -> None:
+    pid = supervisor.start("station", complains_in_the_end)
+    assert wait_for_end(supervisor) == Exit("station", pid, 0, "journal could not be written: no room")
+    supervisor.log_path("robot/1").mkdir()
+    pid = supervisor.start("robot/1", ends, "unheard")
+    words = "logs/robot-1.log could not be written: Is a directory"
+    assert wait_for_end(supervisor) == Exit("robot/1", pid, 0, words)
 
 
 def test_an_end_by_a_signal_without_a_name_is_told() -> None:
@@ -152,11 +181,12 @@ LAUNCHER = """
 import signal, sys
 from pathlib import Path
 from deploy.processes.supervisor import Supervisor
+from deploy.run_folder.claim import Claim
 import tests.processes.test_supervisor as children
 
 if __name__ == "__main__":
     here = Path(sys.argv[1])
-    with Supervisor("orphans", here / "logs") as supervisor:
+    with Supervisor("orphans", here / "logs", held=Claim(here / "run").lock) as supervisor:
         pids = [supervisor.start(name, children.waits, here / name) for name in ("running", "stopped")]
         pids.append(supervisor.start("stubborn", children.refuses_to_end, here / "stubborn"))
         while not all((here / name).exists() for name in ("running", "stopped", "stubborn")):
@@ -178,5 +208,8 @@ def test_no_process_survives_a_killed_launcher(tmp_path: Path) -> None:
         pids = [int(word) for word in launcher.stdout.readline().split()]
         assert len(pids) == 3
         launcher.kill()
+    with pytest.raises(ClaimError, match="under way"):
+        Claim(tmp_path / "run")  # who ignores SIGTERM has three seconds
     wait_until(lambda: not any(alive(pid) for pid in pids), 5, "all children gone")
+    Claim(tmp_path / "run").release()
     assert "the launcher is gone" in (tmp_path / "logs" / "running.log").read_text()

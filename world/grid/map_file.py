@@ -18,6 +18,7 @@ from PIL import Image
 from bus.excerpt import shown
 from world.grid.geometry import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridGeometry
 from world.grid.map_header import FREE_THRESH, OCCUPIED_THRESH, MapHeader, read_header
+from world.own_file import write_whole
 from world.user_file import read_bytes
 
 __all__ = ["digest_of_map", "load_map", "read_map", "save_map"]
@@ -98,13 +99,17 @@ def save_map(path: Path, geometry: GridGeometry, cells: NDArray[np.int8]) -> Non
         path: of the YAML file.
         geometry: of the grid.
         cells: (rows, cols) or flat, of FREE, OCCUPIED and UNKNOWN.
+
+    Raises:
+        OSError: one of them can't be written.
     """
     grid = np.asarray(cells).reshape(geometry.rows, geometry.cols)
     pixels = np.full(grid.shape, _PIXEL[UNKNOWN], np.uint8)
     pixels[grid == FREE] = _PIXEL[FREE]
     pixels[grid == OCCUPIED] = _PIXEL[OCCUPIED]
-    image = path.with_suffix(".pgm")
-    Image.fromarray(pixels[::-1]).save(image)
+    image, content = path.with_suffix(".pgm"), io.BytesIO()
+    Image.fromarray(pixels[::-1]).save(content, "PPM")
+    write_whole(image, content.getvalue())
     fields = {
         "image": image.name,
         "mode": "trinary",
@@ -114,7 +119,7 @@ def save_map(path: Path, geometry: GridGeometry, cells: NDArray[np.int8]) -> Non
         "occupied_thresh": OCCUPIED_THRESH,
         "free_thresh": FREE_THRESH,
     }
-    path.write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(fields, sort_keys=False))
 
 
 def digest_of_map(path: Path) -> str:
