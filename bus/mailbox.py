@@ -9,6 +9,7 @@ from __future__ import annotations
 import queue
 import random
 import struct
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -23,6 +24,8 @@ PART_BYTES: Final = 32_000
 _MOST_PARTS: Final = 4096
 _SENDERS: Final = 2
 """The old and the new process of a node share its keys."""
+_MOST_WAITING: Final = 1000
+"""Samples of one key. In lockstep a node has one message under way, of a few parts."""
 _MARK: Final = struct.Struct("<III")
 """Message (a random number), part, parts."""
 
@@ -59,6 +62,30 @@ class Mailbox:
 
         self.put: Callable[[Any], None] = put if wake is None else put_and_wake
         """Puts a `Message` of this process, or a sample of Zenoh's."""
+        self._waiting: dict[str, deque[Any]] = {}
+        """By key: samples that `put_bounded` took and nobody has taken out."""
+        self.excess: dict[str, int] = {}
+        """By key of those who flood this mailbox: how many samples were dropped."""
+
+    def put_bounded(self, sample: Any) -> None:
+        """Put a sample of Zenoh's from a sender that may flood this mailbox.
+
+        A sender that lets too many samples wait on a key is not heard any more on that key, until `pardon`.
+        """
+        key = str(sample.key_expr)
+        if key in self.excess:
+            self.excess[key] += 1
+            return
+        waiting = self._waiting.setdefault(key, deque())
+        if len(waiting) == _MOST_WAITING:
+            self.excess[key] = 1
+            return
+        waiting.append(sample)
+        self.put(waiting)
+
+    def pardon(self, key: str) -> int:
+        """Hear the sender on `key` again; returns how many samples were dropped."""
+        return self.excess.pop(key, 0)
 
     def get(self, timeout_s: float) -> Message | None:
         """The next message, or None if nothing came within `timeout_s` (wall time)."""
@@ -67,7 +94,9 @@ class Mailbox:
                 sample = self._samples.get(timeout=timeout_s)
             except queue.Empty:
                 return None
-            if type(sample) is tuple:
+            if type(sample) is deque:
+                sample = sample.popleft()
+            elif type(sample) is tuple:
                 return sample
             key, data = str(sample.key_expr), sample.payload.to_bytes()
             mark = sample.attachment

@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from deploy.processes.collector import collect_rarely
+from deploy.run_folder.summary import shortfall
 from deploy.simulation import Observer, Simulation
 from world.grid.map_file import save_map
 
@@ -22,7 +23,7 @@ __all__ = ["run_in_process"]
 def run_in_process(
     scenario: Scenario, folder: RunFolder, view: View, *, record: bool
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Run to the end or to Ctrl-C; returns the summary and what failed (nothing: an exception passes through)."""
+    """Run to the end or to Ctrl-C; returns the summary, and why it fell short of that, if it did, in one line."""
     begun = time.monotonic()
     recorder = None
     if record:
@@ -57,4 +58,6 @@ def run_in_process(
             recorder.close()
     if simulation.station is not None:
         save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
-    return folder.finish(result.finals, time.monotonic() - begun), ()
+    summary = folder.finish(result.finals, time.monotonic() - begun)
+    words = shortfall(summary)
+    return summary, () if words is None else (words,)

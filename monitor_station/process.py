@@ -81,7 +81,7 @@ class Shell:
             self._ticks()
         finally:
             # The session first: without a launcher the router's host waits for this token to drop before it goes.
-            self._member.session.close()
+            self._member.close()
             if self._feeder is not None:
                 self._feeder.close()
             if self._journal is not None:

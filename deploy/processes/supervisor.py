@@ -136,6 +136,15 @@ class Supervisor:
             return True
         return False
 
+    def stopped(self, name: str) -> bool:
+        """Whether a process is there and stopped by a signal."""
+        process = self._living.get(name)
+        try:
+            status = Path(f"/proc/{process.pid if process is not None else 0}/stat").read_text(encoding="utf-8")
+        except OSError:
+            return False
+        return status.rpartition(")")[2].split()[0] == "T"
+
     def wake(self) -> None:
         """Let a `wait` under way return; for other threads and signal handlers."""
         with contextlib.suppress(BlockingIOError, OSError):

@@ -180,8 +180,8 @@ def test_world_that_raises_takes_everybody_with_it() -> None:
 def test_robot_that_talks_nonsense_holds_nobody_up() -> None:
     with small_run(absent=3, hang_deadline_s=0.5, medium_deadline_s=5.0) as run:
         member = Member(run.logins["robot-3"], "robot", 3, Sense.decode, Inbox.decode)
-        with member.session as session:
-            stray = session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
+        with member:
+            stray = member.session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
             for k in range(30):
                 turn = member.turn()
                 assert turn is not None
