@@ -24,8 +24,8 @@ PART_BYTES: Final = 32_000
 _MOST_PARTS: Final = 4096
 _SENDERS: Final = 2
 """The old and the new process of a node share its keys."""
-_MOST_WAITING: Final = 1000
-"""Samples of one key. In lockstep a node has one message under way, of a few parts."""
+_MOST_WAITING: Final = _MOST_PARTS
+"""Samples of one key. In lockstep a node has one message under way."""
 _MARK: Final = struct.Struct("<III")
 """Message (a random number), part, parts."""
 
@@ -38,6 +38,8 @@ def in_parts(put: Callable[..., None]) -> Put:
             put(data)
             return
         message, parts = random.getrandbits(32), -(-len(data) // PART_BYTES)
+        if parts > _MOST_PARTS:
+            raise ValueError(f"a message of {len(data)} bytes, where {_MOST_PARTS * PART_BYTES} are the most")
         for part in range(parts):
             start = part * PART_BYTES
             put(data[start : start + PART_BYTES], attachment=_MARK.pack(message, part, parts))
