@@ -10,10 +10,10 @@ import queue
 import random
 import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-__all__ = ["PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
+__all__ = ["MOST_WAITING", "PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
 
 Put = Callable[[bytes], None]
 Message = tuple[str, bytes | None]
@@ -24,7 +24,7 @@ PART_BYTES: Final = 32_000
 _MOST_PARTS: Final = 4096
 _SENDERS: Final = 2
 """The old and the new process of a node share its keys."""
-_MOST_WAITING: Final = _MOST_PARTS
+MOST_WAITING: Final = _MOST_PARTS
 """Samples of one key. In lockstep a node has one message under way."""
 _MARK: Final = struct.Struct("<III")
 """Message (a random number), part, parts."""
@@ -67,26 +67,30 @@ class Mailbox:
         self._waiting: dict[str, deque[Any]] = {}
         """By key: samples that `put_bounded` took and nobody has taken out."""
         self.excess: dict[str, int] = {}
-        """By key of those who flood this mailbox: how many samples were dropped."""
+        """By muted key: how many samples were dropped."""
 
     def put_bounded(self, sample: Any) -> None:
         """Put a sample of Zenoh's from a sender that may flood this mailbox.
 
-        A sender that lets too many samples wait on a key is not heard any more on that key, until `pardon`.
+        When too many samples of a key wait, it is muted.
         """
         key = str(sample.key_expr)
         if key in self.excess:
             self.excess[key] += 1
             return
         waiting = self._waiting.setdefault(key, deque())
-        if len(waiting) == _MOST_WAITING:
+        if len(waiting) == MOST_WAITING:
             self.excess[key] = 1
             return
         waiting.append(sample)
         self.put(waiting)
 
+    def mute(self, key: str) -> None:
+        """Drop what comes on `key` from now on, and count it in `excess`."""
+        self.excess.setdefault(key, 0)
+
     def pardon(self, key: str) -> int:
-        """Hear the sender on `key` again; returns how many samples were dropped."""
+        """Take what comes on `key` again; returns how many samples were dropped."""
         return self.excess.pop(key, 0)
 
     def get(self, timeout_s: float) -> Message | None:
@@ -105,6 +109,14 @@ class Mailbox:
             whole = data if mark is None else self._joined(key, mark.to_bytes(), data)
             if whole is not None:
                 return key, whole
+
+    def waiting(self) -> Iterator[Message]:
+        """All messages that have come in so far. Those that come in meanwhile may never end, so they are left."""
+        for _ in range(self._samples.qsize()):
+            message = self.get(0.0)
+            if message is None:
+                return
+            yield message
 
     def _joined(self, key: str, mark: bytes, data: bytes) -> bytes | None:
         """The whole message if this was its last part, else None."""

@@ -38,8 +38,9 @@ _LINGER_ROBOTS_S: Final = 1.0
 _QUIET_S: Final = 0.25
 """Time for the last messages to leave the router's queues where there is no launcher."""
 _START_S: Final = 60.0
-_MOST_LATE: Final = 4
-"""Answers of a node out of turn that the world gets in a tick: one of each process that it may have."""
+_MOST_STRAY: Final = 100
+"""Messages of a node that no tick waits for: that many, and one more in each tick. Honest processes have one now and
+then: when a process thaws, or its successor has its seat."""
 
 log = logging.getLogger(__name__)
 
@@ -86,8 +87,8 @@ class Shell:
         self._world_seen = False
         self._stopped = False
         self._malformed = Malformed()
-        self._late: dict[int, int] = {}
-        """By node: its answers out of turn in this tick."""
+        self._stray: dict[int, int] = {}
+        """By node: its messages that no tick waited for."""
         self._floods: dict[str, int] = {}
         """By key: nodes that are not heard any more, because they put too much."""
         self._seats: dict[int, tuple[int, Put]] = {}
@@ -145,10 +146,19 @@ class Shell:
                 self._transmitted(key, data or b"")
         except WireError as error:
             self._malformed.drop(f"message on {key}", error)
+            if key in self._nodes:
+                self._strayed(key)
         if len(self._mailbox.excess) > len(self._floods):
             self._flooded()
         self._phases.mark("decode")
         return True
+
+    def _strayed(self, key: str) -> None:
+        """Count a message that no tick waited for; too many of them are a flood."""
+        node = self._nodes[key]
+        count = self._stray[node] = self._stray.get(node, 0) + 1
+        if count > _MOST_STRAY + self._gather.tick:
+            self._mailbox.mute(key)
 
     def _flooded(self) -> None:
         """Name to the world the nodes that the mailbox does not hear any more."""
@@ -190,7 +200,6 @@ class Shell:
         turns = [(node, self._way_to(node, unseal(sense)[1]), sense) for node, sense in opening.senses]
         self._positions = positions
         self._gather = Gather(positions.tick, positions.nodes.tolist())
-        self._late.clear()
         self._phases.mark("decode")
         inboxes, self._inboxes = self._inboxes, {}
         breaker = self._breaker
@@ -203,6 +212,7 @@ class Shell:
             if node in self._gather:
                 del self._floods[key]
                 self._malformed.count += self._mailbox.pardon(key)
+                self._stray.pop(node, None)
         self._phases.mark("encode")
         self._step_if_complete()
 
@@ -224,9 +234,7 @@ class Shell:
         seat, _ = self._seats.get(node, (0, None))
         if token != seat or answer.tick != self._gather.tick or node not in self._gather.missing:
             # From a process that was too late or was given up, or has no seat: the world must learn of it.
-            late = self._late[node] = self._late.get(node, 0) + 1
-            if late > _MOST_LATE:
-                raise WireError("an answer out of turn")
+            self._strayed(key)
             self._moves.append((node, token, answer.tick, answer.motion))
             self._pass_on()
             return

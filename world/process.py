@@ -286,8 +286,8 @@ class Shell:
             self._absent(Absence.decode(data or b""))
         else:
             beat, node = Beat.decode(data or b""), keys.node_of(key)
-            if self._attendance.seated(node, beat.token):
-                self._silence.beat(node, beat.spent_s)
+            if not self._silence.beat(node, beat.spent_s, counts=self._attendance.seated(node, beat.token)):
+                self._mailbox.mute(key)
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         token = self._session.keys.token_of(key)

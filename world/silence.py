@@ -26,6 +26,10 @@ _WORK_S: Final = 0.02
 """Processor time that shows work: a hundredth of two seconds. A process that waits for something else, and looks from
 time to time whether it is there, spends less."""
 
+_MOST_BEATS: Final = 1000
+_MOST_BEATS_PER_S: Final = 10.0
+"""An honest process beats four times a second, and a node may have two."""
+
 
 class RunError(Exception):
     """The run can't go on: a process that it needs is not there, or does not answer."""
@@ -54,6 +58,9 @@ class Silence:
         """How long the tick has waited, for its nodes or then for the medium."""
         self._sure: int | None = None
         """The count of answers at which the medium has passed on all that it held at the nodes' deadline."""
+        self._begun_s = self._heard_s
+        self._beats: dict[int, int] = {}
+        """By node: its beats so far."""
         self._worked: dict[int, tuple[float, float]] = {}
         """By node, when it last showed work: processor time spent on its turn, and how long the tick had waited."""
 
@@ -77,11 +84,16 @@ class Silence:
         self._sure = None
         self._worked.clear()
 
-    def beat(self, node: int, spent_s: float) -> None:
-        """A beat of `node` came in, whose process has spent so much processor time on its turn."""
+    def beat(self, node: int, spent_s: float, *, counts: bool) -> bool:
+        """A beat of `node` came in, whose process has spent so much processor time on its turn.
+
+        `counts`: it comes from the process that takes part. Returns False if the node beats too often.
+        """
         before_s, _ = self._worked.get(node, (0.0, 0.0))
-        if not before_s <= spent_s < before_s + _WORK_S:  # less than before: in another turn
+        if counts and not before_s <= spent_s < before_s + _WORK_S:  # less than before: in another turn
             self._worked[node] = spent_s, self._waited.waited_s
+        beats = self._beats[node] = self._beats.get(node, 0) + 1
+        return beats < _MOST_BEATS + _MOST_BEATS_PER_S * (self._now_s() - self._begun_s)
 
     def given_up(self, missing: Collection[int], *, interrupted: bool) -> list[tuple[int, str]]:
         """(node, cause) of each that is to be given up, ascending; to be asked in every slice of a wait for nodes.

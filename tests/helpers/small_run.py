@@ -6,6 +6,7 @@ World and medium are the real ones; robots and station answer every tick with on
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -27,7 +28,7 @@ import monitor_station.process
 import world.process
 from bus.access import users_of
 from bus.keys import Keys
-from bus.session import Login, Mailbox, Session, credentials, free_endpoint
+from bus.session import Login, Mailbox, Session, credentials, local_endpoint
 from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox
 from tests import ROOT
@@ -46,6 +47,8 @@ BROKEN = 13
 """The seed of a world whose core raises."""
 
 GRID = GridGeometry(80, 80)
+ODD_TICK = 20
+THINKS_S = 4.0
 
 
 class Speaker:
@@ -74,6 +77,46 @@ class RobotSpeaker(Speaker):
         return self._frames(inbox), Motion(sense.tick, 0.1, 0.0, Status())
 
 
+class OddSpeaker(RobotSpeaker):
+    """Does something odd in one tick before it answers."""
+
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
+        if sense.tick == ODD_TICK:
+            self.odd()
+        return super().step(sense, inbox)
+
+    def odd(self) -> None:
+        raise NotImplementedError
+
+
+class Thinker(OddSpeaker):
+    def odd(self) -> None:
+        until_s = time.process_time() + THINKS_S
+        while time.process_time() < until_s:
+            pass
+
+
+class Endless(OddSpeaker):
+    def odd(self) -> None:
+        while True:
+            pass
+
+
+class Waiter(OddSpeaker):
+    """Waits for something that does not come, and looks for it from time to time."""
+
+    def odd(self) -> None:
+        while True:
+            time.sleep(0.1)
+
+
+class LockHolder(OddSpeaker):
+    """Compiled code that keeps the interpreter's lock, so no other thread of the process runs."""
+
+    def odd(self) -> None:
+        ctypes.PyDLL(None).sleep(3600)
+
+
 class StationSpeaker(Speaker):
     merger = SimpleNamespace(cells=np.full(GRID.size, UNKNOWN, np.int8), merged=0)
 
@@ -91,9 +134,9 @@ class StationSpeaker(Speaker):
         return {"spoke": True}
 
 
-def robot_process(node: int, login: Login, good: bool, log: str) -> None:
+def robot_process(node: int, login: Login, core: type[Speaker], log: str) -> None:
     _into(log)
-    agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
+    agents.process.Robot = core  # type: ignore[attr-defined,misc,assignment]
     config = SimpleNamespace(node=node, seed=1, policy="vds", lidar_beams=Lidar().beams, robots=9)
     agents.process.run(config, login)  # type: ignore[arg-type]
 
@@ -108,6 +151,11 @@ def station_process(login: Login, out: str, log: str) -> None:
 def medium_process(config: MediumConfig, login: Login, users: dict[str, str], log: str) -> None:
     _into(log)
     medium.process.run(config, login, users)
+
+
+def rogue_process(act: Callable[[Login, int], None], login: Login, node: int, log: str) -> None:
+    _into(log)
+    act(login, node)
 
 
 class BrokenWorld(World):
@@ -134,9 +182,10 @@ def _into(log: str) -> None:
 class SmallRun:
     """Processes of one run, and what a launcher hears of it."""
 
-    def __init__(self, folder: Path, robots: int = 3, **config: Any) -> None:
+    def __init__(self, folder: Path, robots: int = 3, cores: Mapping[int, type[Speaker]] = {}, **config: Any) -> None:
         self.folder = folder
-        self.logins = credentials("small", free_endpoint(), robots)
+        self.cores = cores
+        self.logins = credentials("small", local_endpoint(folder, robots), robots)
         free = np.zeros((GRID.rows, GRID.cols), np.bool_)
         self.world = WorldConfig(
             **{
@@ -173,11 +222,16 @@ class SmallRun:
         session.subscribe(self._mailbox, session.keys.event, session.keys.signal)
         self._start("world", world_process, self.world, self.logins["world"])
 
-    def start_robot(self, node: int, name: str | None = None, *, good: bool = True) -> None:
-        self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], good)
+    def start_robot(self, node: int, name: str | None = None) -> None:
+        core = self.cores.get(node, RobotSpeaker)
+        self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], core)
 
     def start_station(self, name: str) -> None:
         self._start(name, station_process, self.logins["station"], str(self.folder))
+
+    def start_rogue(self, act: Callable[[Login, int], None], node: int) -> None:
+        """Start a process that does something with the password of a robot (tests/helpers/rogue.py)."""
+        self._start("rogue", rogue_process, act, self.logins[f"robot-{node}"], node)
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text()
@@ -252,10 +306,12 @@ class SmallRun:
 
 
 @contextlib.contextmanager
-def small_run(robots: int = 3, *, absent: int | None = None, **config: Any) -> Iterator[SmallRun]:
+def small_run(
+    robots: int = 3, *, absent: int | None = None, cores: Mapping[int, type[Speaker]] = {}, **config: Any
+) -> Iterator[SmallRun]:
     """A started run whose first ticks have passed (unless a robot is absent); whatever is left of it is ended."""
     with tempfile.TemporaryDirectory() as folder:
-        run = SmallRun(Path(folder), robots, **config)
+        run = SmallRun(Path(folder), robots, cores, **config)
         try:
             run.start(absent=absent)
             if absent is None:

@@ -45,7 +45,7 @@ class Wait:
             if slices % BEAT_SLICES == 0:
                 for node, spent_s in self.works.items():
                     self.silence.heard()
-                    self.silence.beat(node, spent_s())
+                    assert self.silence.beat(node, spent_s(), counts=True)
             if self.medium_answers and self.silence.owed:
                 self.silence.heard()
                 self.silence.answered()
@@ -109,6 +109,19 @@ def test_processor_time_counts_from_the_turn_on() -> None:
     wait = Wait()
     wait.works[0] = lambda: wait.now_s if wait.now_s < 50.0 else wait.now_s - 50.0
     assert wait.given_up({0}, limit_s=100.0) == []
+
+
+def test_a_process_without_a_seat_works_for_nobody() -> None:
+    wait = Wait()
+    assert wait.silence.beat(1, 1.0, counts=False)
+    assert wait.given_up({1}, limit_s=2 * HANG_S + 1.0) == [(1, "unresponsive")]
+
+
+def test_a_node_that_beats_too_often_is_told_from_an_honest_one() -> None:
+    """Two honest processes beat four times a second each, and the world may not have listened for minutes."""
+    silence = Wait().silence
+    assert all(silence.beat(1, 1.0, counts=True) for _ in range(120 * 2 * 4))
+    assert not all(silence.beat(1, 1.0, counts=True) for _ in range(120 * 2 * 4))
 
 
 def test_an_interrupted_run_waits_for_nobody_who_works() -> None:
