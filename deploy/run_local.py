@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Run one scenario on this machine, one process per robot: `deploy/run_local.py --robots 9`.
 
-Exit status: 0 when the run ended as asked, 1 when a process failed, 2 for bad input (one line, before anything starts).
+Exit status: 0 when the run ended as asked, 1 when a process failed or no robot was left, 2 for bad input (one line,
+before anything starts).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from medium.messages import BROADCAST, Frame, Inbox
 from tests import ROOT
 from world.config import Lidar, WorldConfig
 from world.core import World
-from world.feed import Event, Signal, Snapshot, unpack_feed
+from world.feed import Absence, Event, Signal, Snapshot, unpack_feed
 from world.grid import UNKNOWN, GridGeometry
 from world.messages import Motion, Report, Sense, Status, Stop
 from world.terms import STATION
@@ -208,6 +208,8 @@ class SmallRun:
         self.events: list[Event] = []
         self.signals: list[Signal] = []
         self.snapshots: list[Snapshot] = []
+        self._latest: dict[int, str] = {}
+        """By node: the process that was started last."""
         self._mailbox = Mailbox()
         self._operator: Session | None = None
 
@@ -224,9 +226,11 @@ class SmallRun:
 
     def start_robot(self, node: int, name: str | None = None) -> None:
         core = self.cores.get(node, RobotSpeaker)
+        self._latest[node] = name or f"robot-{node}"
         self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], core)
 
     def start_station(self, name: str) -> None:
+        self._latest[STATION] = name
         self._start(name, station_process, self.logins["station"], str(self.folder))
 
     def start_rogue(self, act: Callable[[Login, int], None], node: int) -> None:
@@ -292,6 +296,14 @@ class SmallRun:
         process.start()
         self.processes[name] = process
 
+    def _obey(self, order: Signal) -> None:
+        """As a launcher would, but for signals, which nobody gets."""
+        if order.verb != "look":
+            self.signals.append(order)
+        elif order.node in self._latest and self.processes[self._latest[order.node]].exitcode is not None:
+            assert self._operator is not None
+            self._operator.publisher(self._operator.keys.absence, blocking=True)(Absence(order.node, True).encode())
+
     def _take(self, key: str, data: bytes | None) -> None:
         assert data is not None
         kind, process = Keys.kind_of(key)
@@ -300,7 +312,7 @@ class SmallRun:
         elif kind == "event":
             self.events.append(Event.decode(data))
         elif kind == "signal":
-            self.signals.append(Signal.decode(data))
+            self._obey(Signal.decode(data))
         else:
             self.snapshots += unpack_feed(data)
 
