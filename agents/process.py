@@ -36,7 +36,7 @@ def _run(config: RobotConfig, login: Login) -> None:
     sense_of = functools.partial(Sense.decode, lidar_beams=config.lidar_beams)
     inbox_of = functools.partial(Inbox.decode, robots=config.robots)
     member = Member(login, "robot", config.node, sense_of, inbox_of)
-    with member.session:
+    with member:
         put_table = member.session.publisher(member.session.keys.table(config.node), blocking=False)
         robot: Robot | None = None
         while (turn := member.turn()) is not None:

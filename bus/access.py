@@ -12,12 +12,19 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from bus.keys import ANY, ROWS, Keys
 from bus.nodes import node_of_user, user_name
 
-__all__ = ["Login", "credentials", "dictionary", "router_config", "rules", "users_of"]
+__all__ = ["LEASE_MS", "Login", "credentials", "dictionary", "router_config", "rules", "users_of"]
+
+LEASE_MS: Final = 24 * 3600 * 1000
+"""A side of a link that is frozen for longer is taken for gone. Zenoh's 10 s would cost a paused robot its place, and a
+paused medium the run. A process that dies drops its links at once, whatever the lease."""
+
+MOST_BYTES: Final = 65_536
+"""The router takes no longer message, which only a stranger sends: ours travel in parts (`bus.mailbox`)."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +147,10 @@ def host_config(run: str, endpoint: str, users: Iterable[str], dictionary_file: 
             "shared_memory": {"enabled": False},
             "unicast": {"lowlatency": True, "qos": {"enabled": False}},
             # Room for what a fleet of hundreds sends its watchers at once; one batch is 64 kB.
-            "link": {"tx": {"queue": {"size": {"data": 16}}}},
+            "link": {
+                "tx": {"queue": {"size": {"data": 16}}, "lease": LEASE_MS},
+                "rx": {"max_message_size": MOST_BYTES},
+            },
             "auth": {"usrpwd": {"dictionary_file": str(dictionary_file)}},
         },
         "access_control": rules(run, users),

@@ -14,7 +14,7 @@ from typing import Final
 
 from bus.codec import WireError, head
 
-__all__ = ["NO_TICK", "Answer", "Moves", "Opening", "Turn"]
+__all__ = ["NO_TICK", "Answer", "Flood", "Moves", "Opening", "Turn"]
 
 NO_TICK: Final = -1
 
@@ -30,6 +30,8 @@ _MOVE: Final = struct.Struct("<IIII")
 """Node, incarnation, tick, length of the motion."""
 _TURN: Final = struct.Struct("<I")
 """Length of the sense."""
+_FLOOD: Final = struct.Struct("<I")
+"""Node."""
 _ANSWER: Final = struct.Struct("<II")
 """Tick, length of the transmission."""
 
@@ -160,3 +162,19 @@ class Moves:
         if at != len(data):
             raise WireError("motions have another length than they say")
         return Moves(answers, complete, [node for (node,) in _COUNTED.iter_unpack(data[_MOVES.size : start])])
+
+
+@dataclass(frozen=True, slots=True)
+class Flood:
+    """Medium -> world: a node put more messages than can wait, and is not heard any more until it is admitted anew."""
+
+    node: int
+
+    def encode(self) -> bytes:
+        return _FLOOD.pack(self.node)
+
+    @staticmethod
+    def decode(data: bytes) -> Flood:
+        if len(data) != _FLOOD.size:
+            raise WireError("a flood is a node")
+        return Flood(*_FLOOD.unpack(data))

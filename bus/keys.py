@@ -44,13 +44,16 @@ ROWS: Final[Mapping[str, Row]] = MappingProxyType({
     "positions": Row("@sim/positions", "put", ("world",), ("medium",)),
     "pong": Row("@sim/pong", "put", ("medium",), ("world",)),
     "tx": Row("@sim/tx/{node}", "put", ("node",), ("medium",)),
+    "beat": Row("@sim/beat/{node}", "put", ("node",), ("world",)),
+    "flood": Row("@sim/flood", "put", ("medium",), ("world",)),
     "moved": Row("@sim/moved", "put", ("medium",), ("world",)),
-    "rx": Row("@sim/rx/{node}", "put", ("medium",), ("node",)),
+    "rx": Row("@sim/rx/{node}/{incarnation}", "put", ("medium",), ("node",)),
     "table": Row("@sim/table/{node}", "put", ("robot",), ("station",)),
     "phases": Row("@sim/phases/{process}", "put", ("world", "medium", "node"), ("operator",)),
     "event": Row("@sim/event", "put", ("world", "medium", "station"), ("station", "operator")),
     "feed": Row("@sim/feed", "put", ("world",), ("station", "operator")),
     "signal": Row("@sim/signal", "put", ("world",), ("operator",)),
+    "absence": Row("@sim/absence", "put", ("operator",), ("world",)),
     "final": Row("@sim/final/{process}", "put", ("world", "medium", "station"), ("operator",)),
     "control": Row("@sim/control", "query", ("operator",), ("world",)),
     "world": Row("alive/world/{node}/{incarnation}", "token", ("world",), ("medium", "node", "operator")),
@@ -121,13 +124,26 @@ class Keys:
         return self.key("tx", node=node)
 
     @property
+    def flood(self) -> str:
+        """Medium -> world: `Flood`, of a node whose messages it does not hear any more."""
+        return self.key("flood")
+
+    @property
     def moved(self) -> str:
         """Medium -> world: `Moves`, the motions since the last such message, and whether a tick is complete."""
         return self.key("moved")
 
-    def rx(self, node: int | str) -> str:
-        """Medium -> that node: `Turn`, with the `Sense` from the world and an `Inbox`."""
-        return self.key("rx", node=node)
+    def rx(self, node: int | str, incarnation: int | None = None) -> str:
+        """Medium -> one process of that node: `Turn`, with the `Sense` from the world and an `Inbox`.
+
+        Each process has a key of its own. Otherwise the turns of a new process would also go to its frozen predecessor,
+        fill the link to it, and stop the sender.
+        """
+        return self.key("rx", node=node, incarnation=ANY if incarnation is None else f"{incarnation:08x}")
+
+    def beat(self, node: int | str) -> str:
+        """Node -> world: `bus.heartbeat.Beat`, from a process that is long at work on a turn."""
+        return self.key("beat", node=node)
 
     def table(self, node: int | str) -> str:
         """Robot -> recorder: `Table`, outside the lockstep."""
@@ -151,6 +167,11 @@ class Keys:
     def signal(self) -> str:
         """World -> launcher: `Signal`."""
         return self.key("signal")
+
+    @property
+    def absence(self) -> str:
+        """Launcher -> world: `Absence`, the answer to a signal `look`."""
+        return self.key("absence")
 
     def final(self, process: str) -> str:
         """World, medium, station -> launcher at the end: msgpack map of that core's counts."""
@@ -177,7 +198,7 @@ class Keys:
 
     @staticmethod
     def node_of(key: str) -> int:
-        """The node of a `word`, `table`, `tx` or `rx` key.
+        """The node of a `word`, `table`, `tx` or `beat` key.
 
         Raises:
             WireError: its last chunk is no node.

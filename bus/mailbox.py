@@ -9,10 +9,11 @@ from __future__ import annotations
 import queue
 import random
 import struct
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-__all__ = ["PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
+__all__ = ["MOST_WAITING", "PART_BYTES", "Mailbox", "Message", "Put", "in_parts"]
 
 Put = Callable[[bytes], None]
 Message = tuple[str, bytes | None]
@@ -23,6 +24,8 @@ PART_BYTES: Final = 32_000
 _MOST_PARTS: Final = 4096
 _SENDERS: Final = 2
 """The old and the new process of a node share its keys."""
+MOST_WAITING: Final = _MOST_PARTS
+"""Samples of one key. In lockstep a node has one message under way."""
 _MARK: Final = struct.Struct("<III")
 """Message (a random number), part, parts."""
 
@@ -35,6 +38,8 @@ def in_parts(put: Callable[..., None]) -> Put:
             put(data)
             return
         message, parts = random.getrandbits(32), -(-len(data) // PART_BYTES)
+        if parts > _MOST_PARTS:
+            raise ValueError(f"a message of {len(data)} bytes, where {_MOST_PARTS * PART_BYTES} are the most")
         for part in range(parts):
             start = part * PART_BYTES
             put(data[start : start + PART_BYTES], attachment=_MARK.pack(message, part, parts))
@@ -59,6 +64,34 @@ class Mailbox:
 
         self.put: Callable[[Any], None] = put if wake is None else put_and_wake
         """Puts a `Message` of this process, or a sample of Zenoh's."""
+        self._waiting: dict[str, deque[Any]] = {}
+        """By key: samples that `put_bounded` took and nobody has taken out."""
+        self.excess: dict[str, int] = {}
+        """By muted key: how many samples were dropped."""
+
+    def put_bounded(self, sample: Any) -> None:
+        """Put a sample of Zenoh's from a sender that may flood this mailbox.
+
+        When too many samples of a key wait, it is muted.
+        """
+        key = str(sample.key_expr)
+        if key in self.excess:
+            self.excess[key] += 1
+            return
+        waiting = self._waiting.setdefault(key, deque())
+        if len(waiting) == MOST_WAITING:
+            self.excess[key] = 1
+            return
+        waiting.append(sample)
+        self.put(waiting)
+
+    def mute(self, key: str) -> None:
+        """Drop what comes on `key` from now on, and count it in `excess`."""
+        self.excess.setdefault(key, 0)
+
+    def pardon(self, key: str) -> int:
+        """Take what comes on `key` again; returns how many samples were dropped."""
+        return self.excess.pop(key, 0)
 
     def get(self, timeout_s: float) -> Message | None:
         """The next message, or None if nothing came within `timeout_s` (wall time)."""
@@ -67,13 +100,23 @@ class Mailbox:
                 sample = self._samples.get(timeout=timeout_s)
             except queue.Empty:
                 return None
-            if type(sample) is tuple:
+            if type(sample) is deque:
+                sample = sample.popleft()
+            elif type(sample) is tuple:
                 return sample
             key, data = str(sample.key_expr), sample.payload.to_bytes()
             mark = sample.attachment
             whole = data if mark is None else self._joined(key, mark.to_bytes(), data)
             if whole is not None:
                 return key, whole
+
+    def waiting(self) -> Iterator[Message]:
+        """All messages that have come in so far. Those that come in meanwhile may never end, so they are left."""
+        for _ in range(self._samples.qsize()):
+            message = self.get(0.0)
+            if message is None:
+                return
+            yield message
 
     def _joined(self, key: str, mark: bytes, data: bytes) -> bytes | None:
         """The whole message if this was its last part, else None."""

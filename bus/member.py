@@ -10,10 +10,11 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterator
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, Self, TypeVar
 
 from bus.codec import WireError
 from bus.envelopes import Answer, Turn
+from bus.heartbeat import Heartbeat
 from bus.lockstep import Kind, seal, unseal
 from bus.malformed import Malformed
 from bus.nodes import node_name
@@ -153,13 +154,14 @@ class Member(Generic[S, I]):
         """Whether the first turn has begun. Time before it belongs to no phase."""
         keys = self.session.keys
         self._decode_sense, self._decode_inbox = sense, inbox
-        self._word_key, self._rx_key = keys.word(node), keys.rx(node)
+        self._token = new_token(role, node)
+        self._word_key, self._rx_key = keys.word(node), keys.rx(node, self._token.incarnation)
         self._put_tx = self.session.publisher(keys.tx(node), blocking=True)
         self._put_phases = self.session.publisher(keys.phases(login.user), blocking=False)
         self.session.subscribe(self.mailbox, self._word_key, self._rx_key)
         self._watch = Watch(self.session, self.mailbox, "world", "medium")
-        self._token = new_token(role, node)
         self._turn: tuple[S, I | None] | None = None
+        self._heartbeat = Heartbeat(self._token.incarnation, self.session.publisher(keys.beat(node), blocking=True))
         # The token comes last: a process that sees it may rely on the subscriptions.
         self.session.declare(self._token)
 
@@ -170,9 +172,11 @@ class Member(Generic[S, I]):
             LostError: the world, the medium or the router is gone.
             RefusedError: another living process is this node.
         """
-        mark = self.phases.mark
+        mark, heartbeat = self.phases.mark, self._heartbeat
         while True:
+            heartbeat.turns += 1
             message = self.mailbox.get(_POLL_S)
+            heartbeat.turns += 1
             if not self._joined:
                 self.phases.skip()
             mark("waiting")
@@ -248,3 +252,14 @@ class Member(Generic[S, I]):
         """Send the answer that ends the turn."""
         self._put_tx(seal(Kind.DATA, self._token.incarnation, Answer(tick, transmission, motion).encode()))
         self.phases.mark("encode")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the run: the token of this process drops."""
+        self._heartbeat.stop()
+        self.session.close()

@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 import zenoh
 from zenoh.handlers import Callback
 
-from bus.access import Login, credentials, dictionary, host_config
+from bus.access import LEASE_MS, Login, credentials, dictionary, host_config
 from bus.excerpt import shown
 from bus.keys import Keys, Token
 from bus.mailbox import Mailbox, Message, Put, in_parts
@@ -139,6 +139,7 @@ class Session:
             "transport": {
                 "shared_memory": {"enabled": False},
                 "unicast": {"lowlatency": not watching, "qos": {"enabled": False}},
+                "link": {"tx": {"lease": LEASE_MS}},
                 "auth": {"usrpwd": {"user": login.user, "password": login.password}},
             },
         }
@@ -176,10 +177,13 @@ class Session:
         self._kept.append(publisher)
         return in_parts(publisher.put)
 
-    def subscribe(self, mailbox: Mailbox, *keys: str) -> None:
-        """Let all messages on `keys` (wildcards allowed) flow into a mailbox."""
+    def subscribe(self, mailbox: Mailbox, *keys: str, bounded: bool = False) -> None:
+        """Let all messages on `keys` (wildcards allowed) flow into a mailbox.
+
+        `bounded`: from senders that may put more than they should (`Mailbox.put_bounded`).
+        """
         for key in keys:
-            handler = Callback(mailbox.put, indirect=False)
+            handler = Callback(mailbox.put_bounded if bounded else mailbox.put, indirect=False)
             self._kept.append(self._session.declare_subscriber(key, handler))
 
     def watch(self, mailbox: Mailbox, *keys: str) -> None:

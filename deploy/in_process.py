@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from deploy.processes.collector import collect_rarely
+from deploy.run_folder.summary import shortfall
 from deploy.simulation import Observer, Simulation
 from world.grid.map_file import save_map
 
@@ -22,7 +23,7 @@ __all__ = ["run_in_process"]
 def run_in_process(
     scenario: Scenario, folder: RunFolder, view: View, *, record: bool, interrupts: Interrupts | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Run to the end or to the first of `interrupts`; returns the summary and what could not be written."""
+    """Run to the end or to the first of `interrupts`; returns the summary, and in one line each why it fell short."""
     begun = time.monotonic()
     recorder = None
     if record:
@@ -60,4 +61,5 @@ def run_in_process(
         with folder.unwritten.noting("map.yaml"):
             save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
     summary = folder.finish(result.finals, time.monotonic() - begun)
-    return summary, folder.unwritten.lines
+    words = shortfall(summary)
+    return summary, (*(() if words is None else (words,)), *folder.unwritten.lines)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Run one scenario on this machine, one process per robot: `deploy/run_local.py --robots 9`.
 
-Exit status: 0 when the run ended as asked, by Ctrl-C too; 1 when a process failed or a file could not be written; 2 for
-bad input (one line, before anything starts); 130 when it was interrupted before the run began.
+Exit status: 0 when the run ended as asked, by Ctrl-C too; 1 when a process failed, no robot was left or a file could
+not be written; 2 for bad input (one line, before anything starts); 130 when it was interrupted before the run began.
 """
 
 from __future__ import annotations

@@ -117,8 +117,9 @@ class Simulation:
             snapshots.append(snapshot)
             if stopped:
                 break
-        assert self.station is not None
-        finals = {"world": self.world.final(), "medium": self.medium.final(), "station": self.station.final()}
+        finals = {"world": self.world.final(), "medium": self.medium.final()}
+        if self.station is not None:  # it may never have come
+            finals["station"] = self.station.final()
         return Result(finals, time.perf_counter() - started, snapshots)
 
     def step(self) -> tuple[Snapshot, bool]:

@@ -13,8 +13,6 @@ from world.terms import MAX_NODE, MAX_TICK
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""
 
-MAX_FRAME_BYTES: Final = 1 << 20
-
 _TICK: Final = struct.Struct("<I")
 
 
@@ -50,8 +48,6 @@ class Transmission:
         for item in raw:
             if not isinstance(item, list) or len(item) != 2 or not isinstance(item[1], bytes):
                 raise WireError("a frame is (dst, payload)")
-            if len(item[1]) > MAX_FRAME_BYTES:
-                raise WireError("a frame is too long")
             frames.append((integer(item[0], BROADCAST, MAX_NODE), item[1]))
         return Transmission(integer(tick, 0, MAX_TICK), integer(src, 0, MAX_NODE), tuple(frames))
 

@@ -14,16 +14,19 @@ from typing import Any, Final, Protocol
 
 import msgpack
 
+from bus.breaker import Breaker
 from bus.codec import WireError
-from bus.envelopes import NO_TICK, Answer, Moves, Opening, Turn
+from bus.envelopes import NO_TICK, Answer, Flood, Moves, Opening, Turn
 from bus.lockstep import Gather, Kind, unseal
 from bus.malformed import Malformed
 from bus.member import LATE_STOP_S, LostError, exit_status
+from bus.nodes import node_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
 from medium.config import MediumConfig
 from medium.core import Medium
 from medium.messages import Inbox, Transmission
+from world.feed import Event
 from world.messages import Departed, Positions
 
 __all__ = ["run"]
@@ -35,6 +38,11 @@ _LINGER_ROBOTS_S: Final = 1.0
 _QUIET_S: Final = 0.25
 """Time for the last messages to leave the router's queues where there is no launcher."""
 _START_S: Final = 60.0
+_MOST_STRAY: Final = 100
+"""Messages of a node that no tick waits for: that many, and one more in each tick. Honest processes have one now and
+then: when a process thaws, or its successor has its seat."""
+
+log = logging.getLogger(__name__)
 
 
 def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> None:
@@ -79,21 +87,34 @@ class Shell:
         self._world_seen = False
         self._stopped = False
         self._malformed = Malformed()
-        self._put_rx: dict[int, Put] = {}
+        self._stray: dict[int, int] = {}
+        """By node: its messages that no tick waited for."""
+        self._floods: dict[str, int] = {}
+        """By key: nodes that are not heard any more, because they put too much."""
+        self._seats: dict[int, tuple[int, Put]] = {}
+        """By node: the process that takes part, by its token, and the way to it."""
+        self._breaker = Breaker(session.login.endpoint, self._link_cut)
         keys = session.keys
         self._positions_key = keys.positions
         self._nodes: dict[str, int] = {}
         self._put_pong = session.publisher(keys.pong, blocking=True)
         self._put_moved = session.publisher(keys.moved, blocking=True)
+        self._put_flood = session.publisher(keys.flood, blocking=True)
         self._put_final = session.publisher(keys.final("medium"), blocking=True)
+        self._put_event = session.publisher(keys.event, blocking=False)
         self._phases = Phases(time.perf_counter)
         self._put_phases = session.publisher(keys.phases("medium"), blocking=False)
-        session.subscribe(self._mailbox, keys.positions, keys.tx("*"))
+        session.subscribe(self._mailbox, keys.positions)
+        session.subscribe(self._mailbox, keys.tx("*"), bounded=True)
         session.watch(self._mailbox, *(keys.alive(role) for role in self._alive))
         session.declare(new_token("medium"))
 
     def run(self) -> None:
         """All ticks, then the end."""
+        with self._breaker:
+            self._run()
+
+    def _run(self) -> None:
         since_s = time.monotonic()
         while not self._stopped:
             self._receive(_POLL_S)
@@ -102,7 +123,8 @@ class Shell:
             if self._world_seen and not self._alive["world"] and not self._last_words():
                 raise LostError("world is gone")
         self._put_phases(self._phases.encode())
-        self._put_final(msgpack.packb(self._core.final() | {"malformed": self._malformed.count}))
+        malformed = self._malformed.count + sum(self._mailbox.excess.values())
+        self._put_final(msgpack.packb(self._core.final() | {"malformed": malformed}))
         self._linger()
 
     def _receive(self, timeout_s: float) -> bool:
@@ -124,8 +146,33 @@ class Shell:
                 self._transmitted(key, data or b"")
         except WireError as error:
             self._malformed.drop(f"message on {key}", error)
+            if key in self._nodes:
+                self._strayed(key)
+        if len(self._mailbox.excess) > len(self._floods):
+            self._flooded()
         self._phases.mark("decode")
         return True
+
+    def _strayed(self, key: str) -> None:
+        """Count a message that no tick waited for; too many of them are a flood."""
+        node = self._nodes[key]
+        count = self._stray[node] = self._stray.get(node, 0) + 1
+        if count > _MOST_STRAY + self._gather.tick:
+            self._mailbox.mute(key)
+
+    def _flooded(self) -> None:
+        """Name to the world the nodes that the mailbox does not hear any more."""
+        for key in self._mailbox.excess.keys() - self._floods.keys():
+            node = self._floods[key] = self._session.keys.node_of(key)
+            log.warning("%s floods the medium: it is not heard any more", node_name(node))
+            self._put_flood(Flood(node).encode())
+
+    def _link_cut(self, node: int) -> None:
+        """A link is cut: a process that takes nothing stood in the way of the turns of `node`."""
+        words = f"a process that listens for {node_name(node)} took nothing: its link was cut"
+        log.warning("%s", words)
+        tick = max(self._gather.tick, 0)
+        self._put_event(Event(tick, "fault", node, words).encode())
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         role = self._session.keys.token_of(key).role
@@ -149,17 +196,34 @@ class Shell:
             self._begin(Opening.decode(body))
 
     def _begin(self, opening: Opening) -> None:
-        positions = self._positions = Positions.decode(opening.positions)
+        positions = Positions.decode(opening.positions)
+        turns = [(node, self._way_to(node, unseal(sense)[1]), sense) for node, sense in opening.senses]
+        self._positions = positions
         self._gather = Gather(positions.tick, positions.nodes.tolist())
         self._phases.mark("decode")
         inboxes, self._inboxes = self._inboxes, {}
-        for node, sense in opening.senses:
-            put = self._put_rx.get(node)
-            if put is None:
-                put = self._put_rx[node] = self._session.publisher(self._session.keys.rx(node), blocking=True)
+        breaker = self._breaker
+        for node, put, sense in turns:
+            breaker.node = node
+            breaker.puts += 1
             put(Turn(sense, inboxes.get(node, b"")).encode())
+            breaker.puts += 1
+        for key, node in list(self._floods.items()):
+            if node in self._gather:
+                del self._floods[key]
+                self._malformed.count += self._mailbox.pardon(key)
+                self._stray.pop(node, None)
         self._phases.mark("encode")
         self._step_if_complete()
+
+    def _way_to(self, node: int, token: int) -> Put:
+        """Puts turns to the process of that token, and to no other process of `node`."""
+        known = self._seats.get(node)
+        if known is not None and known[0] == token:
+            return known[1]
+        put = self._session.publisher(self._session.keys.rx(node, token), blocking=True)
+        self._seats[node] = token, put
+        return put
 
     def _transmitted(self, key: str, data: bytes) -> None:
         node = self._nodes.get(key)
@@ -167,10 +231,14 @@ class Shell:
             node = self._nodes[key] = self._session.keys.node_of(key)
         _, token, body = unseal(data)
         answer = Answer.decode(body)
-        self._moves.append((node, token, answer.tick, answer.motion))
-        if answer.tick != self._gather.tick:
-            self._pass_on()  # from a node that was too late, or that the world is leaving out just now
+        seat, _ = self._seats.get(node, (0, None))
+        if token != seat or answer.tick != self._gather.tick or node not in self._gather.missing:
+            # From a process that was too late or was given up, or has no seat: the world must learn of it.
+            self._strayed(key)
+            self._moves.append((node, token, answer.tick, answer.motion))
+            self._pass_on()
             return
+        self._moves.append((node, token, answer.tick, answer.motion))
         # A malformed transmission counts as an empty one; otherwise the tick would wait for this node for ever.
         transmission = Transmission(answer.tick, node, ())
         try:
@@ -180,10 +248,8 @@ class Shell:
                 raise WireError(f"frames of node {said.src} in tick {said.tick}, where node {node} is in {answer.tick}")
             transmission = said
         finally:
-            if self._gather.add(node, transmission):
-                self._step_if_complete()
-            else:
-                self._pass_on()  # from a node that was given up: the world must learn that it is back
+            self._gather.add(node, transmission)
+            self._step_if_complete()
 
     def _pass_on(self, complete: int = NO_TICK, counted: Sequence[int] = ()) -> None:
         """Pass the motions on to the world, in the order of arrival, so that the world learns who was last."""

@@ -92,7 +92,7 @@ class Shell:
             self._ticks()
         finally:
             # The session closes first: without a launcher the medium waits for this token to drop before it ends.
-            self._member.session.close()
+            self._member.close()
             if self._feeder is not None:
                 with self._unwritten.noting(self._recording.name):
                     self._feeder.close()

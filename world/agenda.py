@@ -40,6 +40,11 @@ class Agenda:
         by_hand, self._by_hand = self._by_hand, []
         return [(fault, False) for fault in self._scheduled.pop(tick, ())] + [(fault, True) for fault in by_hand]
 
+    def revives(self) -> bool:
+        """Whether a fault is still to come that brings a robot back, whatever became of it before."""
+        to_come = [*self._by_hand, *(fault for due in self._scheduled.values() for fault in due)]
+        return any(fault.verb == "restart" and fault.target.isdecimal() for fault in to_come)
+
     def disturb(self, fault: Fault, tick: int) -> None:
         """Let a jam or a loss begin at `tick`."""
         until = tick + tick_of(fault.for_s or 0.0)

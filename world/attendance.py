@@ -11,13 +11,17 @@ from enum import Enum
 
 __all__ = ["Attendance", "Standing"]
 
+_MOST_REFUSED = 16
+"""Processes of one node that are told that they are refused. A node has a few; further tokens are made up."""
+
 
 class Standing(Enum):
     """How the process in a seat stands."""
 
     PRESENT = "takes part, or will from the next tick on"
     PAUSED = "away by schedule, its process stopped"
-    SILENT = "departed as unresponsive, its process still there"
+    SILENT = "departed as hung, its process still there"
+    SHUT_OUT = "departed for good, its process still there"
 
 
 class Attendance:
@@ -26,13 +30,23 @@ class Attendance:
     def __init__(self) -> None:
         self._seats: dict[int, tuple[int, Standing]] = {}
         self._arriving: dict[int, bool] = {}
+        self._refused: dict[int, set[int]] = {}
+        """By node: processes that were told so."""
 
     def came(self, node: int, token: int) -> bool:
         """A process of `node` showed its token. Returns False if it is refused: another living process is that node."""
         seat = self._seats.get(node)
-        if seat is not None and seat[0] != token and seat[1] is not Standing.SILENT:
+        if seat is not None and seat[0] != token and seat[1] not in (Standing.SILENT, Standing.SHUT_OUT):
             return False
         self._take(node, token, new=True)
+        return True
+
+    def refuse(self, node: int, token: int) -> bool:
+        """A process that has no seat showed its token or answered. Returns True if it must be told, which is once."""
+        refused = self._refused.setdefault(node, set())
+        if token in refused or len(refused) == _MOST_REFUSED:
+            return False
+        refused.add(token)
         return True
 
     def left(self, node: int, token: int) -> bool:
@@ -47,13 +61,17 @@ class Attendance:
         return node in self._seats and self._seats[node][0] == token
 
     def heard(self, node: int, token: int) -> None:
-        """The process in the seat answered out of turn. If it was departed as unresponsive, it has thawed."""
+        """The process in the seat answered out of turn. If it was departed as hung, it has thawed."""
         if self._seats[node][1] is Standing.SILENT:
             self._take(node, token, new=False)
 
     def silent(self, node: int) -> None:
-        """`node` was departed as unresponsive."""
+        """`node` was departed as hung."""
         self._stand(node, Standing.SILENT)
+
+    def shut_out(self, node: int) -> None:
+        """`node` was departed as a flood: no answer brings this process back."""
+        self._stand(node, Standing.SHUT_OUT)
 
     def signalled(self, node: int, verb: str) -> None:
         """A scheduled fault acted on the process of `node`: kill, stop, cont or spawn."""

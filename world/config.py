@@ -66,11 +66,13 @@ class WorldConfig:
     cell_names: tuple[str, ...] = ()
     """Names of the search cells, in the order of the station's search rates; for events only."""
     hang_deadline_s: float = 2.0
-    """Wall time after which a silent node is departed as unresponsive (world/silence.py)."""
+    """Wall time after which a node that neither answers nor works is departed as unresponsive (world/silence.py)."""
+    think_deadline_s: float = 60.0
+    """Processor time that a node's process may spend on one tick; after more it is departed although it works."""
     medium_deadline_s: float = 30.0
     """Wall time after which a silent medium ends the run as failed."""
     return_deadline_s: float = 30.0
-    """Wall time in which processes must come at the start and at scheduled returns, and answer at a first tick."""
+    """Wall time in which processes must come at the start and at scheduled returns."""
     speed: float = 0.0
     """Simulated seconds per wall second; 0 = as fast as possible."""
     held: bool = False

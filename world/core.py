@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -28,7 +28,10 @@ from world.seeds import Stream, sequence
 from world.senses import Senses
 from world.terms import NOBODY, STATION, seconds_of, tick_of
 
-__all__ = ["Begin", "Core", "World"]
+__all__ = ["DIED", "Begin", "Core", "World"]
+
+DIED: Final = "died"
+"""Cause of the departure of a node whose process is gone. With any other cause its process is still there."""
 
 
 @dataclass(slots=True, init=False)
@@ -125,12 +128,12 @@ class World:
 
         Args:
             node: which.
-            cause: "died" or "unresponsive".
+            cause: DIED, or why the node was given up.
             counted: whether its frames and motion of the tick under way still counted.
         """
         self._account.settle()
         since = self.tick + (1 if counted and self._ticking else 0)
-        entry = self._roster.depart(node, since, process=cause == "unresponsive")
+        entry = self._roster.depart(node, since, process=cause != DIED)
         if entry is None:
             return
         took = "its last tick counted" if counted else "its last tick did not count"
@@ -191,7 +194,7 @@ class World:
         counted = {node: motions[node] for node in self._taking_part if node in motions}
         self._account.close(self.tick, counted, self._xy[1:].copy(), report)
         self._move(counted)
-        stop = self._judge(report)
+        stop = self._judge(report, moved=bool(counted))
         self._ticking = False
         self.tick += 1
         if self._account.watching:
@@ -271,13 +274,15 @@ class World:
             velocities[node - 1] = motion.vx_m_s, motion.vy_m_s
         self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocities, self._config.top_speed_m_s)
 
-    def _judge(self, report: Report | None) -> Stop | None:
+    def _judge(self, report: Report | None, *, moved: bool) -> Stop | None:
         if report is not None and report.searched:
             self._status = "searched"
         elif self._interrupted:
             self._status = "interrupted"
         elif self.tick + 1 >= tick_of(self._config.duration_s):
             self._status = "time_limit"
+        elif not moved and self._roster.deserted(self.tick) and not self._agenda.revives():
+            self._status, self._why = "no_robots", "no robot is left, and none is due back"
         else:
             return None
         return Stop(self.tick, self._status)

@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, column, integer, of_json_types, pack, places, share, text, unpack, within
+from bus.codec import WireError, boolean, column, integer, of_json_types, pack, places, share, text, unpack, within
 from bus.lockstep import batch, unbatch
 from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls, Mode
 
-SIGNALS: Final = ("kill", "stop", "cont", "spawn")
+SIGNALS: Final = ("kill", "stop", "cont", "spawn", "look")
 
 _F8: Final = np.dtype("<f8")
 _I2: Final = np.dtype("<i2")
@@ -153,7 +153,9 @@ class Signal:
     tick: int
     node: int
     verb: str
-    """kill | stop | cont | spawn. `spawn` starts a new process at once, so that it is ready when it is due."""
+    """kill | stop | cont | spawn | look. `spawn` starts a new process at once, so that it is ready when it is due.
+    `look` asks how the process stands that the world waits for: if it is dead or stopped, the answer is an `Absence`.
+    """
 
     def encode(self) -> bytes:
         return pack((self.tick, self.node, self.verb))
@@ -164,3 +166,20 @@ class Signal:
         if verb not in SIGNALS:
             raise WireError(f"not one of {', '.join(SIGNALS)}")
         return cls(integer(tick, 0, MAX_TICK), integer(node, 0, MAX_NODE), text(verb))
+
+
+@dataclass(frozen=True, slots=True)
+class Absence:
+    """Launcher -> world: the process of `node` that the world waits for does not come."""
+
+    node: int
+    dead: bool
+    """Otherwise it is stopped."""
+
+    def encode(self) -> bytes:
+        return pack((self.node, self.dead))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Absence:
+        node, dead = unpack(data, 2)
+        return cls(integer(node, 0, MAX_NODE), boolean(dead))

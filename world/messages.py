@@ -327,7 +327,7 @@ class Stop:
 
     tick: int
     reason: str
-    """searched | time_limit | interrupted | failed"""
+    """searched | time_limit | no_robots | interrupted | failed"""
 
     def encode(self) -> bytes:
         return pack((self.tick, self.reason))

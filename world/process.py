@@ -9,13 +9,12 @@ import logging
 import signal
 import threading
 import time
-from typing import Any
-
-import msgpack
+from typing import Any, Final
 
 from bus.codec import WireError
-from bus.envelopes import NO_TICK, Moves, Opening
-from bus.lockstep import Gather, Kind, Patience, seal
+from bus.envelopes import Flood, Moves, Opening
+from bus.heartbeat import Beat
+from bus.lockstep import Kind, Patience, seal
 from bus.malformed import Malformed
 from bus.member import LostError, exit_status
 from bus.nodes import node_name, user_name
@@ -24,17 +23,21 @@ from bus.session import Login, Mailbox, Message, Session, new_token
 from world.attendance import Attendance
 from world.config import WorldConfig
 from world.control import Control
-from world.core import Begin, Core, World
-from world.feed import Event
-from world.limits import decode_word
-from world.messages import Departed, Motion, Report, Stop
+from world.core import DIED, Begin, Core, World
+from world.feed import Absence, Event, Signal
+from world.messages import Motion, Report, Stop
+from world.outlets import Outlets
 from world.pace import Pace
 from world.silence import RunError, Silence
 from world.stopwatch import Stopwatch
 from world.terms import STATION, TICK_S
+from world.turnout import Turnout
 from world.watchers import Watchers
 
 __all__ = ["run"]
+
+_LOOK_S: Final = 0.5
+"""Wall time after which, again and again, the launcher is asked for a process that a tick waits for."""
 
 log = logging.getLogger(__name__)
 
@@ -65,16 +68,12 @@ class Shell:
         # Who is there.
         self._nodes = range(config.robots + 1)
         self._attendance = Attendance()
-        self._leaving: dict[int, tuple[int, str]] = {}
-        """(token, cause) of nodes that left during the tick, until the medium says whether they still counted."""
+        self._floods: set[str] = set()
+        """Keys of nodes whose beats are not heard any more."""
         self._mediums: set[str] = set()
         self._medium_lost = False
         # The tick under way.
-        self._gather: Gather[Motion | Report] = Gather(-1, ())
-        self._complete = NO_TICK
-        """The last tick that the medium has said to be complete."""
-        self._counted: frozenset[int] = frozenset()
-        """Nodes whose transmission counted in it."""
+        self._turnout = Turnout(self._attendance, config)
         self._untold = False
         """The last tick is not yet published."""
         # What is measured.
@@ -98,15 +97,13 @@ class Shell:
 
     def _open(self) -> None:
         session, keys = self._session, self._session.keys
-        self._put_words = [session.publisher(keys.word(node), blocking=True) for node in self._nodes]
-        self._put_positions = session.publisher(keys.positions, blocking=True)
-        self._put_signal = session.publisher(keys.signal, blocking=True)
-        self._put_final = session.publisher(keys.final("world"), blocking=True)
+        self._outlets = Outlets(session, self._nodes)
         self._put_phases = session.publisher(keys.phases("world"), blocking=False)
         self._watchers = Watchers(session)
-        self._silence = Silence(self._config, time.monotonic, lambda: self._put_positions(seal(Kind.PING, 0)))
+        self._silence = Silence(self._config, time.monotonic, self._outlets.ping)
         self._pong_key, self._moved_key = keys.pong, keys.moved
-        session.subscribe(self._mailbox, keys.moved, keys.pong)
+        session.subscribe(self._mailbox, keys.moved, keys.pong, keys.flood, keys.absence)
+        session.subscribe(self._mailbox, keys.beat("*"), bounded=True)
         session.watch(self._mailbox, *(keys.alive(role) for role in ("medium", "station", "robot")))
         session.answer(keys.control, self._control.answer)
         session.declare(new_token("world"))
@@ -116,8 +113,8 @@ class Shell:
         last = self._watchers.last
         return {
             "tick": self._core.tick,
-            "ticking": self._gather.tick == self._core.tick,
-            "waiting_for": [node_name(node) for node in sorted(self._gather.missing)],
+            "ticking": self._turnout.tick == self._core.tick,
+            "waiting_for": [node_name(node) for node in sorted(self._turnout.missing)],
             "robots": [] if last is None else last.nodes[last.present == 1].tolist(),
             "search_rate": [] if last is None else list(last.search_rate),
         }
@@ -141,13 +138,13 @@ class Shell:
             self._phases.mark("encode")
             sent_s = time.perf_counter()
             self._publish()  # while the others are at work
-            moved_s = self._collect(begin)
+            moved_s = self._collect()
             done_s = time.perf_counter()
             stop = self._end()
             self._phases.mark("step")
             if begin.tick % REPORT_TICKS == 0:
                 self._put_phases(self._phases.encode())
-            last = None if self._gather.last is None else user_name(self._gather.last)
+            last = None if self._turnout.last is None else user_name(self._turnout.last)
             self._stopwatch.tick(started_s, sent_s, moved_s, done_s, time.perf_counter(), last)
             if stop is not None:
                 self._publish()
@@ -155,7 +152,7 @@ class Shell:
 
     def _ready(self) -> bool:
         """Wait until the next tick may begin; False if the run was interrupted while a process was awaited."""
-        patience = Patience(time.monotonic())
+        patience, asked_s = Patience(time.monotonic()), 0.0
         while True:
             for node, new in self._attendance.arrivals():
                 self._core.arrive(node, new=new)
@@ -165,7 +162,12 @@ class Shell:
                 if self._pace.interrupted:
                     return False
                 self._receive(Patience.SLICE_S)
-                if patience.wait(time.monotonic()) > self._config.return_deadline_s:
+                waited_s = patience.wait(time.monotonic())
+                if waited_s - asked_s > _LOOK_S:
+                    asked_s = waited_s
+                    for node in awaited:
+                        self._outlets.signal(Signal(self._core.tick, node, "look"))
+                if waited_s > self._config.return_deadline_s:
                     absent = [node_name(node) for node in sorted(awaited)] + ["medium"] * (not self._mediums)
                     raise RunError(f"not there within {self._config.return_deadline_s:g} s: {', '.join(absent)}")
                 continue
@@ -176,10 +178,10 @@ class Shell:
             if delay_s > Patience.SLICE_S:
                 self._watchers.flush()  # held: watchers want to see the last tick
             self._receive(min(delay_s, Patience.SLICE_S))
-            patience = Patience(time.monotonic())
+            patience, asked_s = Patience(time.monotonic()), 0.0
 
     def _send(self, begin: Begin) -> None:
-        self._gather = Gather(begin.tick, begin.senses)
+        self._turnout.begin(begin.tick, list(begin.senses))
         # A paused process takes its step when it thaws, as one that is stopped by hand does.
         senses = [
             (node, seal(Kind.DATA, self._attendance.token(node), sense.encode()))
@@ -187,39 +189,35 @@ class Shell:
         ]
         for order in begin.signals:
             self._attendance.signalled(order.node, order.verb)
-            self._put_signal(order.encode())
-        self._put_positions(seal(Kind.DATA, 0, Opening(begin.positions.encode(), senses).encode()))
+            self._outlets.signal(order)
+        self._outlets.open(Opening(begin.positions.encode(), senses))
         for node in begin.senses:
             if not self._attendance.token(node):
-                self._leave(node, 0, "died")
+                self._leave(node, DIED)
 
-    def _collect(self, begin: Begin) -> float:
+    def _collect(self) -> float:
         """Wait for all nodes that have not departed, then for the medium; returns when the last node had answered."""
-        gather, silence = self._gather, self._silence
-        excused = {node for node, sense in begin.senses.items() if sense.first}
+        turnout, silence = self._turnout, self._silence
         silence.wait()
-        while gather.missing:
+        while turnout.missing:
             self._receive(Patience.SLICE_S)
-            if gather.missing:
-                for node in silence.given_up(gather.missing, excused, interrupted=self._pace.interrupted):
-                    self._leave(node, self._attendance.token(node), "unresponsive")
+            if turnout.missing:
+                for node, cause in silence.given_up(turnout.missing, interrupted=self._pace.interrupted):
+                    self._leave(node, cause)
                     self._attendance.silent(node)
         moved_s = time.perf_counter()
         silence.wait()
-        while self._complete < begin.tick:
+        while not turnout.complete:
             self._receive(Patience.SLICE_S)
             silence.check_medium(interrupted=self._pace.interrupted)
         return moved_s
 
     def _end(self) -> Stop | None:
-        core, messages = self._core, self._gather.messages
-        for node, (_, cause) in self._leaving.items():
-            took = node in self._counted and node in messages
+        core = self._core
+        left, messages = self._turnout.close()
+        for node, cause, counted in left:
             log.info("tick %d: %s: %s", core.tick, node_name(node), cause)
-            core.depart(node, cause, counted=took)
-            if not took:
-                messages.pop(node, None)
-        self._leaving.clear()
+            core.depart(node, cause, counted=counted)
         if self._pace.interrupted:
             core.interrupt()
         motions: dict[int, Motion] = {n: m for n, m in messages.items() if isinstance(m, Motion)}
@@ -235,17 +233,18 @@ class Shell:
         self._watchers.tell(self._core.tell())
         self._phases.mark("recording")
 
-    def _leave(self, node: int, token: int, cause: str) -> None:
-        """Wait no longer for a node of this tick's roster: it is gone."""
-        self._gather.depart(node)
-        self._leaving[node] = token, cause
-        self._put_positions(seal(Kind.DEPARTED, 0, Departed(self._gather.tick, node).encode()))
+    def _leave(self, node: int, cause: str, token: int | None = None) -> None:
+        """A node leaves, in the tick under way or before the next. `token`: of its process, if that has no seat."""
+        if self._turnout.tick != self._core.tick or node not in self._turnout:
+            self._core.depart(node, cause, counted=False)
+        elif self._turnout.leave(node, self._attendance.token(node) if token is None else token, cause):
+            self._outlets.departed(self._core.tick, node)
 
     # What comes in
 
     def _receive(self, timeout_s: float) -> None:
         message = self._mailbox.get(timeout_s)
-        if self._gather.tick != self._core.tick:
+        if self._turnout.tick != self._core.tick:
             self._phases.skip()
         self._phases.mark("waiting")
         if message is None:
@@ -257,43 +256,38 @@ class Shell:
             self._take(message)
         except WireError as error:
             self._malformed.drop(f"message on {message[0]}", error)
+        if len(self._mailbox.excess) > len(self._floods):
+            for key in self._mailbox.excess.keys() - self._floods:
+                self._floods.add(key)
+                self._flooded(self._session.keys.node_of(key))
         self._phases.mark("decode")
         if self._medium_lost:
             raise RunError("the medium is gone")
 
     def _take(self, message: Message) -> None:
         key, data = message
+        keys = self._session.keys
         if key == self._moved_key and data is not None:
             moves = Moves.decode(data)
             for node, token, tick, motion in moves.answers:
                 try:
-                    self._answered(node, token, tick, motion)
+                    if not self._turnout.answer(node, token, tick, motion):
+                        self._refuse(node, token)
                 except WireError as error:
                     self._malformed.drop(f"answer of {node_name(node)}", error)
-            if moves.complete != NO_TICK:
-                self._complete, self._counted = moves.complete, frozenset(moves.counted)
-        elif key == self._pong_key and data is not None:
+            self._turnout.completed(moves)
+        elif key == self._pong_key:
             self._silence.answered()
-        elif self._session.keys.is_token(key):
+        elif keys.is_token(key):
             self._token_changed(key, present=data is not None)
-
-    def _answered(self, node: int, token: int, tick: int, motion: bytes) -> None:
-        left = node in self._leaving and self._leaving[node][0] == token
-        seated = self._attendance.seated(node, token)
-        if not left and not seated:
-            if self._attendance.token(node):
-                self._refuse(node, token)
-            return
-        message = decode_word(node, motion, self._config)
-        if message.tick != tick:
-            raise WireError(f"a motion of tick {message.tick} in an answer of tick {tick}")
-        if left and tick == self._gather.tick:
-            # It died or was given up just after it had answered: the medium may have counted this answer.
-            self._gather.keep(node, message)
-            if not seated and self._leaving[node][1] == "unresponsive" and self._attendance.token(node):
-                self._refuse(node, token)  # another process has its seat by now
-        if seated and (tick != self._gather.tick or not self._gather.add(node, message)):
-            self._attendance.heard(node, token)
+        elif key == keys.flood:
+            self._flooded(Flood.decode(data or b"").node)
+        elif key == keys.absence:
+            self._absent(Absence.decode(data or b""))
+        else:
+            beat, node = Beat.decode(data or b""), keys.node_of(key)
+            if not self._silence.beat(node, beat.spent_s, counts=self._attendance.seated(node, beat.token)):
+                self._mailbox.mute(key)
 
     def _token_changed(self, key: str, *, present: bool) -> None:
         token = self._session.keys.token_of(key)
@@ -306,15 +300,25 @@ class Shell:
         elif present:
             if not self._attendance.came(node, incarnation):
                 self._refuse(node, incarnation)
-        elif self._attendance.left(node, incarnation) and node not in self._leaving:
-            if self._gather.tick == self._core.tick and node in self._gather:
-                self._leave(node, incarnation, "died")
-            else:
-                self._core.depart(node, "died", counted=False)
+        elif self._attendance.left(node, incarnation):
+            self._leave(node, DIED, incarnation)
+
+    def _absent(self, absence: Absence) -> None:
+        """The process of a node that the next tick waits for is dead or stopped: the tick begins without it."""
+        node = absence.node
+        if node in self._core.awaited() and not self._attendance.token(node):
+            self._leave(node, DIED if absence.dead else "unresponsive")
+
+    def _flooded(self, node: int) -> None:
+        """A node puts more than can be taken in: it is left out, until a new process of it comes."""
+        if node in self._nodes and self._attendance.token(node):
+            self._leave(node, "floods the run with messages")
+            self._attendance.shut_out(node)
 
     def _refuse(self, node: int, token: int) -> None:
-        self._put_words[node](seal(Kind.REFUSED, token))
-        self._tell(node, f"a second living process of {node_name(node)} was refused")
+        if self._attendance.refuse(node, token):
+            self._outlets.refuse(node, token)
+            self._tell(node, f"a second living process of {node_name(node)} was refused")
 
     def _tell(self, node: int, text: str) -> None:
         log.info("%s", text)
@@ -325,12 +329,9 @@ class Shell:
     def _finish(self, stop: Stop) -> None:
         self._watchers.flush()
         self._put_phases(self._phases.encode())
-        word = seal(Kind.STOP, 0, stop.encode())
-        for put in self._put_words:
-            put(word)
-        self._put_positions(word)
-        ended = {"status": stop.reason, "stop_tick": stop.tick, "malformed": self._malformed.count}
-        self._put_final(msgpack.packb(self._core.final() | self._stopwatch.final() | ended))
+        malformed = self._malformed.count + sum(self._mailbox.excess.values())
+        ended = {"status": stop.reason, "stop_tick": stop.tick, "malformed": malformed}
+        self._outlets.stop(stop, self._core.final() | self._stopwatch.final() | ended)
         log.info("stopped after tick %d: %s", stop.tick, stop.reason)
         self._await_answer()
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from bus.nodes import target_name
 from world.config import Fault, Verb
 from world.feed import Signal
-from world.terms import seconds_of, tick_of
+from world.terms import STATION, seconds_of, tick_of
 
 __all__ = ["Rewritten", "Roster"]
 
@@ -80,6 +80,13 @@ class Roster:
             if m.back_tick is not None and m.back_tick <= tick and m.needs_process and not m.waiting
         )
 
+    def deserted(self, tick: int) -> bool:
+        """Whether no robot takes part any more at `tick`, none is ready to join, and none is due back."""
+        robots = self._members[STATION + 1 :]
+        return bool(robots) and not any(
+            m.present or m.waiting or m.back_tick is not None or m.gone_tick > tick for m in robots
+        )
+
     def arrive(self, node: int, *, new: bool) -> None:
         """A process is ready to join (new), or the one that was there answers again.
 
@@ -103,8 +110,12 @@ class Roster:
         """
         member = self._members[node]
         paused = member.back_tick is not None and not member.needs_process
-        if not member.present and not (paused and not process):
+        if member.back_tick is not None and member.back_tick <= tick and member.needs_process:
+            # It would have joined at this tick. Its process counts, whether it showed itself before it went or not.
+            member.processes += not member.waiting
+        elif not member.present and not (paused and not process):
             if not process:
+                member.processes -= member.fresh  # it never took part
                 member.process = member.waiting = member.fresh = False
             return None
         self._leave(member, tick, back_tick=None, process=process)

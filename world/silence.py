@@ -3,6 +3,9 @@
 The medium hosts the router, so nothing reaches the world from any node while the medium is stopped. A silence therefore
 counts against nodes only while the medium answers pings, and before a node is given up the medium passes on what it
 holds.
+
+A node that works is not silent. Its beats tell how much processor time it has spent on its turn. It hangs when that
+does not grow for the deadline of a node that hangs, or has grown beyond what a turn may take.
 """
 
 from __future__ import annotations
@@ -17,6 +20,15 @@ __all__ = ["RunError", "Silence"]
 
 _PING_AFTER_S: Final = Patience.SLICE_S / 2
 """The medium is pinged once nothing has come in for this long."""
+_INTERRUPTED_S: Final = 1.0
+"""How long an interrupted run waits for a node, whether it works or not: its operator waits, too."""
+_WORK_S: Final = 0.02
+"""Processor time that shows work: a hundredth of two seconds. A process that waits for something else, and looks from
+time to time whether it is there, spends less."""
+
+_MOST_BEATS: Final = 1000
+_MOST_BEATS_PER_S: Final = 10.0
+"""An honest process beats four times a second, and a node may have two."""
 
 
 class RunError(Exception):
@@ -46,6 +58,11 @@ class Silence:
         """How long the tick has waited, for its nodes or then for the medium."""
         self._sure: int | None = None
         """The count of answers at which the medium has passed on all that it held at the nodes' deadline."""
+        self._begun_s = self._heard_s
+        self._beats: dict[int, int] = {}
+        """By node: its beats so far."""
+        self._worked: dict[int, tuple[float, float]] = {}
+        """By node, when it last showed work: processor time spent on its turn, and how long the tick had waited."""
 
     def heard(self) -> None:
         """Something came in."""
@@ -65,14 +82,25 @@ class Silence:
         """A wait begins: for the nodes of a tick, or for the medium."""
         self._waited = Patience(self._now_s())
         self._sure = None
+        self._worked.clear()
 
-    def given_up(self, missing: Collection[int], excused: Collection[int], *, interrupted: bool) -> list[int]:
-        """Nodes that are to be given up, ascending; to be asked in every slice of a wait for nodes.
+    def beat(self, node: int, spent_s: float, *, counts: bool) -> bool:
+        """A beat of `node` came in, whose process has spent so much processor time on its turn.
+
+        `counts`: it comes from the process that takes part. Returns False if the node beats too often.
+        """
+        before_s, _ = self._worked.get(node, (0.0, 0.0))
+        if counts and not before_s <= spent_s < before_s + _WORK_S:  # less than before: in another turn
+            self._worked[node] = spent_s, self._waited.waited_s
+        beats = self._beats[node] = self._beats.get(node, 0) + 1
+        return beats < _MOST_BEATS + _MOST_BEATS_PER_S * (self._now_s() - self._begun_s)
+
+    def given_up(self, missing: Collection[int], *, interrupted: bool) -> list[tuple[int, str]]:
+        """(node, cause) of each that is to be given up, ascending; to be asked in every slice of a wait for nodes.
 
         Args:
             missing: nodes that the tick waits for; not empty.
-            excused: nodes at their first tick, which have the longer deadline of a return, unless interrupted.
-            interrupted: the run is to end: nobody is given longer than the deadline of a node that hangs.
+            interrupted: the run is to end: no node is waited for because it works.
 
         Raises:
             RunError: the medium does not answer.
@@ -82,7 +110,15 @@ class Silence:
             self._waited.excuse(now_s)
             return []
         waited_s = self._waited.wait(now_s)
-        if waited_s <= self._config.hang_deadline_s:
+        if waited_s <= (_INTERRUPTED_S if interrupted else self._config.hang_deadline_s):
+            return []
+        hung = [
+            (node, cause)
+            for node in sorted(missing)
+            if (cause := "unresponsive" if interrupted else self._cause(node, waited_s))
+        ]
+        if not hung:
+            self._sure = None
             return []
         if self._sure is None:
             self._sure = self._answers + 1
@@ -90,8 +126,14 @@ class Silence:
         if self._answers < self._sure:
             return []
         self._sure = None
-        late = waited_s > self._config.return_deadline_s
-        return sorted(node for node in missing if interrupted or late or node not in excused)
+        return hung
+
+    def _cause(self, node: int, waited_s: float) -> str:
+        """Why `node` is to be given up; empty if it is not."""
+        spent_s, since_s = self._worked.get(node, (0.0, 0.0))
+        if spent_s > self._config.think_deadline_s:
+            return f"thinks for more than {self._config.think_deadline_s:g} s"
+        return "unresponsive" if waited_s - since_s > self._config.hang_deadline_s else ""
 
     def check_medium(self, *, interrupted: bool) -> None:
         """Check the medium's deadline; to be called in every slice of a wait for the medium.

@@ -17,15 +17,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bus.member import LATE_STOP_S, LOST_STATUS
 from bus.nodes import process_name
-from bus.session import BusError, Session, new_token
+from bus.session import BusError, Put, Session, new_token
 from deploy.processes.fleet import Fleet
 from deploy.processes.listener import Listener
 from deploy.processes.operator_file import OPERATOR, write_operator
 from deploy.processes.supervisor import Exit
+from deploy.run_folder.summary import shortfall
 from deploy.run_folder.writer import RunFolder
-from world.feed import Signal
+from world.feed import Absence, Signal
 from world.own_file import write_whole
-from world.terms import STATION, TICK_S
+from world.terms import STATION
 
 if TYPE_CHECKING:
     from deploy.screen.view import View
@@ -74,6 +75,8 @@ class Launcher:
         self._supervisor = fleet.supervisor(folder.claim.lock)
         self._listener = Listener(folder, view, fleet.last_node, self._supervisor.wake)
 
+        self._put_absence: Put | None = None
+
         # How the run ends.
         self._asked_to_stop = 0
         self._seen_stop = 0
@@ -108,6 +111,7 @@ class Launcher:
                 with self._folder.unwritten.noting(OPERATOR):
                     write_operator(self._folder.path, self._fleet.operator)
                 opened.callback((self._folder.path / OPERATOR).unlink, missing_ok=True)
+                self._put_absence = session.publisher(session.keys.absence, blocking=True)
                 self._listener.listen(session)
                 # The medium hosts the router, and stays until this token drops.
                 session.declare(new_token("operator"))
@@ -180,10 +184,19 @@ class Launcher:
         name = process_name(order.node)
         if order.verb == "spawn":
             self._start_again(order.node)
-            return
-        if order.verb == "kill":
-            self._sent_away.add(name)
-        self._supervisor.signal(name, _SIGNALS[order.verb])
+        elif order.verb == "look":
+            self._look(order.node)
+        else:
+            if order.verb == "kill":
+                self._sent_away.add(name)
+            self._supervisor.signal(name, _SIGNALS[order.verb])
+
+    def _look(self, node: int) -> None:
+        """Tell the world if the process that it waits for is dead or stopped."""
+        name = process_name(node)
+        dead = name not in self._supervisor.pids
+        if self._put_absence is not None and (dead or self._supervisor.stopped(name)):
+            self._put_absence(Absence(node, dead).encode())
 
     def _start_again(self, node: int) -> None:
         self._supervisor.end(process_name(node))
@@ -236,6 +249,8 @@ class Launcher:
                 self._start_again(STATION)
             elif self._lost is None:
                 self._view.line(str(end))
+        if any(end.name == "world" for end in ends):
+            self._give_up_in(_CLOSE_S if self._over else _LEAVE_S)
         if ends and not expected:
             if not {"world", "medium", _STATION} & self._supervisor.pids.keys():
                 self._give_up_in(_LEAVE_S)
@@ -278,8 +293,8 @@ class Launcher:
             if not self._failures:
                 self._failures.append("the world ended without its last word")
         summary = self._folder.finish(self._listener.finals, wall_s, status=status, failures=self._failures)
-        if summary["status"] == "failed" and not self._failures:
-            self._failures.append(f"the world ended the run as failed at {summary['ticks'] * TICK_S:.1f} s")
+        if (words := shortfall(summary)) is not None and not self._failures:
+            self._failures.append(words)
         return Outcome(summary, (*self._failures, *self._folder.unwritten.lines))
 
 

@@ -40,13 +40,13 @@ class Listener:
     def listen(self, session: Session) -> None:
         """Subscribe to all that is meant for a launcher."""
         keys = session.keys
-        session.subscribe(self._mailbox, keys.feed, keys.event, keys.signal, keys.final("*"), keys.phases("*"))
+        session.subscribe(self._mailbox, keys.feed, keys.event, keys.signal, keys.final("*"))
+        session.subscribe(self._mailbox, keys.phases("*"), bounded=True)
 
     def take(self) -> list[Signal]:
         """Read the messages that have come in; returns the signals that the world orders."""
         orders: list[Signal] = []
-        while (message := self._mailbox.get(0.0)) is not None:
-            key, payload = message
+        for key, payload in self._mailbox.waiting():
             kind, process = Keys.kind_of(key)
             try:
                 self._receive(kind, process, payload or b"", orders)

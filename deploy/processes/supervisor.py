@@ -148,6 +148,15 @@ class Supervisor:
             return True
         return False
 
+    def stopped(self, name: str) -> bool:
+        """Whether a process is there and stopped by a signal."""
+        process = self._living.get(name)
+        try:
+            status = Path(f"/proc/{process.pid if process is not None else 0}/stat").read_text(encoding="utf-8")
+        except OSError:
+            return False
+        return status.rpartition(")")[2].split()[0] == "T"
+
     def wake(self) -> None:
         """Make a `wait` under way return. Other threads and signal handlers may call it."""
         with contextlib.suppress(BlockingIOError, OSError):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
 
-__all__ = ["Finals", "Progress", "compare", "summary_of"]
+__all__ = ["Finals", "Progress", "compare", "shortfall", "summary_of"]
 
 Finals = Mapping[str, Mapping[str, Any]]
 """Last counts by process: `world`, `medium`, `station`; and `phases`."""
@@ -109,6 +109,13 @@ def summary_of(
         "ticked_unix_s": world.get("ticked_unix_s"),
         "why": world.get("why"),
     }
+
+
+def shortfall(summary: Mapping[str, Any]) -> str | None:
+    """One line on a run that the world ended before it was searched, out of time or interrupted; else None."""
+    if summary["status"] not in ("failed", "no_robots"):
+        return None
+    return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
 
 
 def compare(summary: dict[str, Any], baseline: Baseline) -> None:

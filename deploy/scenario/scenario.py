@@ -88,6 +88,7 @@ class Scenario:
             faults=tables.fault,
             cell_names=self.cell_names,
             hang_deadline_s=tables.deadlines.hang_s,
+            think_deadline_s=tables.deadlines.think_s,
             medium_deadline_s=tables.deadlines.medium_s,
             return_deadline_s=tables.deadlines.return_s,
             speed=self.speed,

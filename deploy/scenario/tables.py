@@ -99,7 +99,9 @@ class Deadlines:
     """Deadlines of wall time. They do not show in a trace unless one is exceeded."""
 
     hang_s: Positive = 2.0
-    """A node silent for this long is left out."""
+    """A node that neither answers nor works for this long is left out."""
+    think_s: Positive = 60.0
+    """A node whose process spends more processor time than this on one tick is left out although it works."""
     medium_s: Positive = 30.0
     """A medium silent for this long fails the run."""
     return_s: Positive = 30.0

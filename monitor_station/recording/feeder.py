@@ -50,7 +50,8 @@ class Feeder:
         self._views: list[StationView] = []
         """Views of ticks that are not recorded yet."""
         self._recorded_s = time.monotonic()
-        self._session.subscribe(self._mailbox, keys.feed, keys.event, keys.table("*"))
+        self._session.subscribe(self._mailbox, keys.feed, keys.event)
+        self._session.subscribe(self._mailbox, keys.table("*"), bounded=True)
 
     def take(self, station: Station) -> None:
         """Take the view of one tick, and from time to time record all that has come in."""
@@ -86,7 +87,7 @@ class Feeder:
         views, self._views = self._views, []
         for view in views:
             self._recorder.station(view)
-        while (message := self._mailbox.get(0.0)) is not None:
+        for message in self._mailbox.waiting():
             self._record(message)
 
     def _record(self, message: Message) -> None:

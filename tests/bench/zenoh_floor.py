@@ -140,7 +140,7 @@ def _medium(pattern: Pattern, login: Login, users: Mapping[str, str]) -> None:
 def _node(pattern: Pattern, login: Login, node: int) -> None:
     member = Member(login, "robot" if node else "station", node, Sense.decode, Inbox.decode)
     core = _Node(pattern, node)
-    with member.session:
+    with member:
         while (turn := member.turn()) is not None:
             sense, _ = turn
             frames, motion = core.step(sense)

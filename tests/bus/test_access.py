@@ -47,7 +47,7 @@ class Bus:
         self.at_medium, self.at_world, self.at_robot = Mailbox(), Mailbox(), Mailbox()
         keys = self.keys = Keys("access")
         self.medium.subscribe(self.at_medium, keys.tx("*"), keys.positions)
-        self.world.subscribe(self.at_world, keys.moved, keys.pong)
+        self.world.subscribe(self.at_world, keys.moved, keys.pong, keys.flood, keys.absence)
         self.tokens_of_world = Mailbox()
         self.medium.watch(self.tokens_of_world, keys.alive("world"))
         self.world_is_known()
@@ -90,15 +90,20 @@ def bus() -> Iterator[Bus]:
 
 def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
     keys = bus.keys
-    bus.robot.subscribe(bus.at_robot, keys.word(4), keys.rx(4))
+    bus.robot.subscribe(bus.at_robot, keys.word(4), keys.rx(4, 1))
     bus.robot.publisher(keys.tx(4), blocking=True)(b"answer")
     assert bus.arrives(bus.at_medium, keys.tx(4), b"answer")
     bus.medium.publisher(keys.moved, blocking=True)(b"moves")
     assert bus.arrives(bus.at_world, keys.moved, b"moves")
     bus.world.publisher(keys.word(4), blocking=True)(b"word")
     assert bus.arrives(bus.at_robot, keys.word(4), b"word")
-    bus.medium.publisher(keys.rx(4), blocking=True)(b"turn")
-    assert bus.arrives(bus.at_robot, keys.rx(4), b"turn")
+    bus.medium.publisher(keys.rx(4, 2), blocking=True)(b"turn of another process")
+    bus.medium.publisher(keys.rx(4, 1), blocking=True)(b"turn")
+    assert bus.arrives(bus.at_robot, keys.rx(4, 1), b"turn")
+    bus.world.subscribe(bus.at_world, keys.beat("*"))
+    bus.world_is_known()
+    bus.robot.publisher(keys.beat(4), blocking=True)(b"beat")
+    assert bus.arrives(bus.at_world, keys.beat(4), b"beat")
     token = new_token("robot", 4)
     tokens = Mailbox()
     bus.world.watch(tokens, keys.alive("robot"))
@@ -108,8 +113,9 @@ def test_robot_may_say_and_hear_what_is_its_own(bus: Bus) -> None:
 
 def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
     keys = bus.keys
-    to_world = (keys.moved, keys.pong)
-    for key in (keys.tx(5), keys.tx("*"), keys.tx(0), keys.rx(4), keys.word(4), keys.positions, *to_world):
+    to_world = (keys.moved, keys.pong, keys.flood, keys.absence)
+    others = (keys.tx(5), keys.tx("*"), keys.tx(0), keys.rx(4, 1), keys.word(4), keys.beat(5), keys.positions)
+    for key in (*others, *to_world):
         if "*" not in key:
             bus.robot.publisher(key, blocking=True)(b"spoof")
         bus.robot._session.put(key, b"spoof")
@@ -122,7 +128,7 @@ def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
 @pytest.mark.parametrize(
     "key",
     [
-        "vds/access/@sim/rx/5", "vds/access/@sim/rx/*", "vds/access/@sim/tx/*", "vds/access/@sim/word/5",
+        "vds/access/@sim/rx/5/00000001", "vds/access/@sim/rx/*/*", "vds/access/@sim/tx/*", "vds/access/@sim/word/5",
         "vds/access/@sim/word/*", "vds/access/@sim/positions", "vds/access/@sim/feed", "vds/access/@sim/**",
         "vds/access/**", "**",
     ],
@@ -130,7 +136,7 @@ def test_robot_cannot_say_what_is_not_its_own(bus: Bus) -> None:
 def test_robot_cannot_hear_what_is_not_its_own(bus: Bus, key: str) -> None:
     keys = bus.keys
     bus.robot.subscribe(bus.at_robot, key)
-    bus.medium.publisher(keys.rx(5), blocking=True)(b"turn")
+    bus.medium.publisher(keys.rx(5, 1), blocking=True)(b"turn")
     for other in (keys.word(5), keys.positions, keys.feed):
         bus.world.publisher(other, blocking=True)(b"truth")
     bus.login("robot-5").publisher(keys.tx(5), blocking=True)(b"frames")
@@ -191,7 +197,7 @@ def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
 
 def _freeze(login: Login) -> None:
     session, mailbox = Session.connect(login), Mailbox()
-    session.subscribe(mailbox, session.keys.rx(4))
+    session.subscribe(mailbox, session.keys.rx(4, 1))
     session.declare(new_token("robot", 4))
     os.kill(os.getpid(), signal.SIGSTOP)
 
@@ -208,7 +214,7 @@ def test_who_is_frozen_may_leave_two_turns_unread(robots: int, tmp_path: Path) -
         frozen.start()
         try:
             assert tokens.get(30.0) is not None
-            put, turn = medium.publisher(medium.keys.rx(4), blocking=True), bytes(28 * robots**2 + 40_000)
+            put, turn = medium.publisher(medium.keys.rx(4, 1), blocking=True), bytes(28 * robots**2 + 40_000)
             speaker = threading.Thread(target=lambda: (put(turn), put(turn)), daemon=True)
             speaker.start()
             speaker.join(10.0)
@@ -254,9 +260,9 @@ def test_rules_deny_by_default_and_every_key_has_a_sender_and_a_receiver() -> No
     assert access["default_permission"] == "deny"
     by_id = {rule["id"]: rule["key_exprs"] for rule in access["rules"]}
     assert by_id["robot-1 ingress put"] == [
-        "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/@sim/tx/1",
+        "vds/run/@sim/beat/1", "vds/run/@sim/phases/robot-1", "vds/run/@sim/table/1", "vds/run/@sim/tx/1",
     ]  # fmt: skip
-    assert by_id["robot-1 egress put"] == ["vds/run/@sim/rx/1", "vds/run/@sim/word/1"]
+    assert by_id["robot-1 egress put"] == ["vds/run/@sim/rx/1/*", "vds/run/@sim/word/1"]
     assert by_id["robot-1 ingress declare_subscriber"] == by_id["robot-1 egress put"]
     assert all(row.senders and row.receivers for row in ROWS.values())
 
@@ -289,7 +295,7 @@ def test_keys_are_read_back() -> None:
     keys = Keys("run")
     token = new_token("robot", 4)
     assert keys.token_of(keys.token(token)) == token
-    assert [Keys.node_of(k) for k in (keys.tx(4), keys.rx(5), keys.table(6), keys.word(0))] == [4, 5, 6, 0]
+    assert [Keys.node_of(k) for k in (keys.tx(4), keys.beat(5), keys.table(6), keys.word(0))] == [4, 5, 6, 0]
 
 
 @pytest.mark.parametrize(

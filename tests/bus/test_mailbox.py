@@ -6,10 +6,11 @@ import random
 import struct
 from dataclasses import dataclass
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus.mailbox import PART_BYTES, Mailbox, in_parts
+from bus.mailbox import MOST_WAITING, PART_BYTES, Mailbox, in_parts
 
 MARK = struct.Struct("<III")
 """Message, part, parts."""
@@ -98,3 +99,49 @@ def test_parts_that_no_process_of_ours_sends_are_not_kept() -> None:
     mailbox.put(Sample("k", Bytes(bytes(PART_BYTES + 1)), Bytes(MARK.pack(8, 0, 2))))  # type: ignore[arg-type]
     assert emptied(mailbox) == []
     assert not any(mailbox._begun.values())
+
+
+def test_a_key_of_which_too_much_waits_is_muted_until_it_is_pardoned() -> None:
+    mailbox = Mailbox()
+    flood, honest = Sample("tx/4", Bytes(b"flood"), None), Sample("tx/3", Bytes(b"honest"), None)
+    for _ in range(2 * MOST_WAITING):
+        mailbox.put_bounded(flood)
+    mailbox.put_bounded(honest)
+    assert mailbox.excess == {"tx/4": MOST_WAITING}
+    assert emptied(mailbox) == [("tx/4", b"flood")] * MOST_WAITING + [("tx/3", b"honest")]
+    mailbox.put_bounded(flood)
+    assert emptied(mailbox) == [], "nothing waits any more, but it is muted"
+    assert mailbox.pardon("tx/4") == MOST_WAITING + 1
+    mailbox.put_bounded(flood)
+    assert emptied(mailbox) == [("tx/4", b"flood")]
+    mailbox.mute("tx/3")
+    mailbox.put_bounded(honest)
+    assert (emptied(mailbox), mailbox.excess) == ([], {"tx/3": 1})
+
+
+def test_an_honest_sender_may_put_any_number_if_they_are_taken_out() -> None:
+    mailbox = Mailbox()
+    for _ in range(2 * MOST_WAITING):
+        mailbox.put_bounded(Sample("tx/4", Bytes(b"answer"), None))
+        assert mailbox.get(0.0) == ("tx/4", b"answer")
+    assert mailbox.excess == {}
+
+
+def test_what_comes_in_meanwhile_is_left_for_later() -> None:
+    mailbox = Mailbox()
+    mailbox.put(("key", b"first"))
+    seen = []
+    for message in mailbox.waiting():
+        seen.append(message)
+        mailbox.put(("key", b"another"))
+    assert seen == [("key", b"first")]
+    assert emptied(mailbox) == [("key", b"another")]
+
+
+def test_a_message_that_is_too_long_for_the_bus_is_refused_before_it_is_sent() -> None:
+    class Long(bytes):
+        def __len__(self) -> int:
+            return MOST_WAITING * PART_BYTES + 1
+
+    with pytest.raises(ValueError, match=r"131072001 bytes, where 131072000 are the most"):
+        in_parts(lambda *_: pytest.fail("a part was sent"))(Long())

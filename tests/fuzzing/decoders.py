@@ -25,8 +25,9 @@ from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError, unpack_map
 from bus.command_line import parse, parser
-from bus.envelopes import Answer, Moves, Opening, Turn
+from bus.envelopes import Answer, Flood, Moves, Opening, Turn
 from bus.handover import write as write_handover
+from bus.heartbeat import Beat
 from bus.keys import Keys
 from bus.lockstep import unbatch, unseal
 from bus.mailbox import Mailbox
@@ -49,7 +50,7 @@ from tests.helpers.report_runs import short_run
 from world.config import WorldConfig
 from world.control import Control
 from world.faults import jam_of, parse_fault
-from world.feed import Event, Signal, Snapshot, unpack_feed
+from world.feed import Absence, Event, Signal, Snapshot, unpack_feed
 from world.limits import decode_word
 from world.messages import Departed, Positions, Sense, Stop
 from world.pace import Pace
@@ -126,7 +127,8 @@ def _messages() -> Iterator[WayIn]:
         "sense": lambda data: Sense.decode(data, robot.lidar_beams),
         "inbox": lambda data: Inbox.decode(data, robot.robots),
         "positions": Positions.decode, "opening": Opening.decode, "turn": Turn.decode, "answer": Answer.decode,
-        "moves": Moves.decode, "transmission": Transmission.decode, "departed": Departed.decode, "stop": Stop.decode,
+        "moves": Moves.decode, "flood": Flood.decode, "beat": Beat.decode, "absence": Absence.decode,
+        "transmission": Transmission.decode, "departed": Departed.decode, "stop": Stop.decode,
         "signal": Signal.decode, "event": Event.decode, "snapshot": Snapshot.decode, "feed": unpack_feed,
         "batch": unbatch, "table": Table.decode, "phases": decode_phases, "final": unpack_map, "sealed": unseal,
         "motion": lambda data: decode_word(1, data, world), "report": lambda data: decode_word(STATION, data, world),

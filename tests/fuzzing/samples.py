@@ -11,7 +11,8 @@ from typing import Any
 import msgpack
 
 from agents.messages import UPDATE, Update, kind_of
-from bus.envelopes import Answer, Moves, Opening, Turn
+from bus.envelopes import Answer, Flood, Moves, Opening, Turn
+from bus.heartbeat import Beat
 from bus.lockstep import Kind, seal
 from bus.phases import Phases
 from deploy.scenario import Scenario, load
@@ -19,7 +20,7 @@ from deploy.simulation import Observer, Simulation
 from medium.core import Medium
 from medium.messages import Inbox, Transmission
 from world.core import Begin, World
-from world.feed import Signal, pack_feed
+from world.feed import Absence, Signal, pack_feed
 from world.messages import Departed, Motion, Positions, Report, Stop
 
 TICKS = 90
@@ -108,6 +109,9 @@ def recorded() -> Recorded:
     kept.packed["feed"] = [pack_feed(snapshots[start : start + 10]) for start in range(0, TICKS, 10)]
     kept.packed["batch"] = kept.packed["feed"]
     kept.packed["departed"] = [Departed(7, 3).encode()]
+    kept.packed["flood"] = [Flood(3).encode()]
+    kept.packed["beat"] = [Beat(7, 0.25).encode(), Beat(2**32 - 1, 59.5).encode()]
+    kept.packed["absence"] = [Absence(3, dead).encode() for dead in (False, True)]
     kept.packed["stop"] = [Stop(90, "searched").encode()]
     kept.packed["signal"].append(Signal(7, 3, "cont").encode())
     kept.packed["sealed"] = [seal(kind, 7, b"body") for kind in Kind]

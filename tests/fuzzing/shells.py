@@ -35,7 +35,7 @@ class DeadSession:
     """A session without a bus: `sent` has what was put, by key."""
 
     def __init__(self) -> None:
-        self.keys = Keys(LOGIN.run)
+        self.keys, self.login = Keys(LOGIN.run), LOGIN
         self.sent: dict[str, list[bytes]] = {}
 
     def connect(self, *_: Any, **__: Any) -> Self:
@@ -44,10 +44,10 @@ class DeadSession:
     def publisher(self, key: str, *, blocking: bool) -> Callable[[bytes], None]:  # noqa: ARG002  # the real one's
         return self.sent.setdefault(key, []).append
 
-    def nothing(self, *_: Any) -> None:
-        """A session that receives nothing and declares nothing."""
+    def nothing(self, *_: Any, **__: Any) -> None:
+        """Listens to nobody, and shows itself to nobody."""
 
-    subscribe = watch = declare = answer = nothing
+    subscribe = watch = declare = answer = close = nothing
 
     def connected(self) -> bool:
         return True
@@ -59,7 +59,10 @@ def noise(rng: random.Random, keys: Keys, *on: str) -> Message:
     if rng.random() < 0.1:
         token = rng.choice((f"{rng.randrange(2**32):08x}", "x" * rng.choice((1, 8, 9, 5000))))
         return keys.alive("robot", rng.choice((1, 9, 99_999, "9" * 5000)), token), b""
-    kinds = {keys.positions: ("opening", "departed"), keys.moved: ("moves",), keys.rx(1): ("turn", "sense")}
+    kinds = {
+        keys.positions: ("opening", "departed"), keys.moved: ("moves",), keys.rx(1): ("turn", "sense"),
+        keys.beat(1): ("beat",), keys.absence: ("absence",),
+    }  # fmt: skip
     key = rng.choice(on)
     kind = rng.choice(kinds.get(key, ("answer", "transmission", "motion")))
     data = rng.choice(packed[kind])
@@ -78,7 +81,8 @@ def medium_goes_on(rng: random.Random, messages: int) -> None:
             shell._mailbox.put(noise(rng, keys, keys.positions, *(keys.tx(node) for node in (0, 1, 4, 9, 99_999))))
             assert shell._receive(0.0)
         positions = Positions(tick, np.arange(5, dtype=np.int16), np.array([(28.0 + n, 35.0) for n in range(5)]))
-        shell._mailbox.put((keys.positions, seal(Kind.DATA, 0, Opening(positions.encode(), []).encode())))
+        senses = [(node, seal(Kind.DATA, node + 1, b"sense")) for node in range(5)]
+        shell._mailbox.put((keys.positions, seal(Kind.DATA, 0, Opening(positions.encode(), senses).encode())))
         for node in range(5):
             said = Transmission(tick, node, ((BROADCAST, b"hello"),))
             shell._mailbox.put((keys.tx(node), seal(Kind.DATA, node + 1, Answer(tick, said.encode(), b"").encode())))
@@ -100,13 +104,13 @@ def world_goes_on(rng: random.Random, messages: int) -> None:
         begin = shell._core.begin()
         shell._send(begin)
         for _ in range(messages):
-            shell._mailbox.put(noise(rng, keys, keys.moved, keys.pong))
+            shell._mailbox.put(noise(rng, keys, keys.moved, keys.pong, keys.beat(1), keys.absence))
             shell._receive(0.0)
         motions = {node: Motion(tick, 0.1, 0.0, Status()).encode() for node in begin.senses}
         motions[STATION] = Report(tick, False, (0.0,) * len(config.cell_names), 0).encode()
         answers = [(node, node + 1, tick, motion) for node, motion in motions.items()]
         shell._mailbox.put((keys.moved, Moves(answers, tick, tuple(motions)).encode()))
-        shell._collect(begin)
+        shell._collect()
         shell._end()
         shell._publish()
         assert shell._core.tick == tick + 1
@@ -119,14 +123,16 @@ def node_goes_on(rng: random.Random, messages: int) -> None:
     with patch.object(bus.member, "Session", session):
         member = Member(LOGIN, "robot", 1, Sense.decode, inbox_of)
     keys, incarnation = session.keys, member._token.incarnation
+    rx = keys.rx(1, incarnation)
     for tick in range(TICKS):
         for _ in range(messages):
             key, data = noise(rng, keys, keys.rx(1), keys.word(1))
             if key in (keys.rx(1), keys.word(1)) and data[:1] != bytes([Kind.STOP]):
-                member.mailbox.put((key, data))
+                member.mailbox.put((rx if key == keys.rx(1) else key, data))
         member.mailbox.put((keys.alive("world", 0, "none of ours"), b""))
         sense = seal(Kind.DATA, incarnation, Sense(tick, tick == 0, 0, 28.0, 35.0).encode())
-        member.mailbox.put((keys.rx(1), Turn(sense, Inbox(tick, ()).encode()).encode()))
+        member.mailbox.put((rx, Turn(sense, Inbox(tick, ()).encode()).encode()))
         turn = member.turn()
         assert turn is not None
         assert turn[0].tick == tick
+    member.close()

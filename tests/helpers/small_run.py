@@ -6,6 +6,7 @@ World and medium are the real ones; robots and station answer every tick with on
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -27,13 +28,13 @@ import monitor_station.process
 import world.process
 from bus.access import users_of
 from bus.keys import Keys
-from bus.session import Login, Mailbox, Session, credentials, free_endpoint
+from bus.session import Login, Mailbox, Session, credentials, local_endpoint
 from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox
 from tests import ROOT
 from world.config import Lidar, WorldConfig
 from world.core import World
-from world.feed import Event, Signal, Snapshot, unpack_feed
+from world.feed import Absence, Event, Signal, Snapshot, unpack_feed
 from world.grid import UNKNOWN, GridGeometry
 from world.messages import Motion, Report, Sense, Status, Stop
 from world.terms import STATION
@@ -47,6 +48,8 @@ BROKEN = 13
 """The seed of a world whose core raises."""
 
 GRID = GridGeometry(80, 80)
+ODD_TICK = 20
+THINKS_S = 4.0
 
 
 class Speaker:
@@ -75,6 +78,46 @@ class RobotSpeaker(Speaker):
         return self._frames(inbox), Motion(sense.tick, 0.1, 0.0, Status())
 
 
+class OddSpeaker(RobotSpeaker):
+    """Does something odd in one tick before it answers."""
+
+    def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Motion]:
+        if sense.tick == ODD_TICK:
+            self.odd()
+        return super().step(sense, inbox)
+
+    def odd(self) -> None:
+        raise NotImplementedError
+
+
+class Thinker(OddSpeaker):
+    def odd(self) -> None:
+        until_s = time.process_time() + THINKS_S
+        while time.process_time() < until_s:
+            pass
+
+
+class Endless(OddSpeaker):
+    def odd(self) -> None:
+        while True:
+            pass
+
+
+class Waiter(OddSpeaker):
+    """Waits for something that does not come, and looks for it from time to time."""
+
+    def odd(self) -> None:
+        while True:
+            time.sleep(0.1)
+
+
+class LockHolder(OddSpeaker):
+    """Compiled code that keeps the interpreter's lock, so no other thread of the process runs."""
+
+    def odd(self) -> None:
+        ctypes.PyDLL(None).sleep(3600)
+
+
 class StationSpeaker(Speaker):
     merger = SimpleNamespace(cells=np.full(GRID.size, UNKNOWN, np.int8), merged=0)
 
@@ -92,9 +135,9 @@ class StationSpeaker(Speaker):
         return {"spoke": True}
 
 
-def robot_process(node: int, login: Login, good: bool, log: str) -> None:
+def robot_process(node: int, login: Login, core: type[Speaker], log: str) -> None:
     _into(log)
-    agents.process.Robot = RobotSpeaker if good else BadSpeaker  # type: ignore[attr-defined,misc,assignment]
+    agents.process.Robot = core  # type: ignore[attr-defined,misc,assignment]
     config = SimpleNamespace(node=node, seed=1, policy="vds", lidar_beams=Lidar().beams, robots=9)
     agents.process.run(config, login)  # type: ignore[arg-type]
 
@@ -109,6 +152,11 @@ def station_process(login: Login, out: str, log: str) -> None:
 def medium_process(config: MediumConfig, login: Login, users: dict[str, str], log: str) -> None:
     _into(log)
     medium.process.run(config, login, users)
+
+
+def rogue_process(act: Callable[[Login, int], None], login: Login, node: int, log: str) -> None:
+    _into(log)
+    act(login, node)
 
 
 class BrokenWorld(World):
@@ -135,9 +183,10 @@ def _into(log: str) -> None:
 class SmallRun:
     """Processes of one run, and the messages that a launcher receives."""
 
-    def __init__(self, folder: Path, robots: int = 3, **config: Any) -> None:
+    def __init__(self, folder: Path, robots: int = 3, cores: Mapping[int, type[Speaker]] = {}, **config: Any) -> None:
         self.folder = folder
-        self.logins = credentials("small", free_endpoint(), robots)
+        self.cores = cores
+        self.logins = credentials("small", local_endpoint(folder, robots), robots)
         free = np.zeros((GRID.rows, GRID.cols), np.bool_)
         self.world = WorldConfig(
             **{
@@ -160,6 +209,8 @@ class SmallRun:
         self.events: list[Event] = []
         self.signals: list[Signal] = []
         self.snapshots: list[Snapshot] = []
+        self._latest: dict[int, str] = {}
+        """By node: the process that was started last."""
         self._mailbox = Mailbox()
         self._operator: Session | None = None
 
@@ -174,11 +225,18 @@ class SmallRun:
         session.subscribe(self._mailbox, session.keys.event, session.keys.signal)
         self._start("world", world_process, self.world, self.logins["world"])
 
-    def start_robot(self, node: int, name: str | None = None, *, good: bool = True) -> None:
-        self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], good)
+    def start_robot(self, node: int, name: str | None = None) -> None:
+        core = self.cores.get(node, RobotSpeaker)
+        self._latest[node] = name or f"robot-{node}"
+        self._start(name or f"robot-{node}", robot_process, node, self.logins[f"robot-{node}"], core)
 
     def start_station(self, name: str) -> None:
+        self._latest[STATION] = name
         self._start(name, station_process, self.logins["station"], str(self.folder))
+
+    def start_rogue(self, act: Callable[[Login, int], None], node: int) -> None:
+        """Start a process that does something with the password of a robot (tests/helpers/rogue.py)."""
+        self._start("rogue", rogue_process, act, self.logins[f"robot-{node}"], node)
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text()
@@ -239,6 +297,14 @@ class SmallRun:
         process.start()
         self.processes[name] = process
 
+    def _obey(self, order: Signal) -> None:
+        """As a launcher would, but for signals, which nobody gets."""
+        if order.verb != "look":
+            self.signals.append(order)
+        elif order.node in self._latest and self.processes[self._latest[order.node]].exitcode is not None:
+            assert self._operator is not None
+            self._operator.publisher(self._operator.keys.absence, blocking=True)(Absence(order.node, True).encode())
+
     def _take(self, key: str, data: bytes | None) -> None:
         assert data is not None
         kind, process = Keys.kind_of(key)
@@ -247,16 +313,18 @@ class SmallRun:
         elif kind == "event":
             self.events.append(Event.decode(data))
         elif kind == "signal":
-            self.signals.append(Signal.decode(data))
+            self._obey(Signal.decode(data))
         else:
             self.snapshots += unpack_feed(data)
 
 
 @contextlib.contextmanager
-def small_run(robots: int = 3, *, absent: int | None = None, **config: Any) -> Iterator[SmallRun]:
-    """A started run whose first ticks have passed (unless a robot is absent). Its processes end with the context."""
+def small_run(
+    robots: int = 3, *, absent: int | None = None, cores: Mapping[int, type[Speaker]] = {}, **config: Any
+) -> Iterator[SmallRun]:
+    """A started run whose first ticks have passed (unless a robot is absent); its processes end with the context."""
     with tempfile.TemporaryDirectory() as folder:
-        run = SmallRun(Path(folder), robots, **config)
+        run = SmallRun(Path(folder), robots, cores, **config)
         try:
             run.start(absent=absent)
             if absent is None:

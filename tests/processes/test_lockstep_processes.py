@@ -12,7 +12,7 @@ import pytest
 
 from bus.member import LOST_STATUS, REFUSED_STATUS, Member
 from medium.messages import Inbox, Transmission
-from tests.helpers.small_run import BROKEN, small_run
+from tests.helpers.small_run import BROKEN, BadSpeaker, small_run
 from world.messages import Motion, Sense, Status
 
 pytestmark = pytest.mark.processes
@@ -162,7 +162,8 @@ def test_robot_that_raises_ends_with_its_traceback_and_the_run_goes_on() -> None
     with small_run() as run:
         run.signal("robot-2", signal.SIGKILL)
         run.until(lambda: not run.present(2), "robot 2 departed")
-        run.start_robot(2, "bad", good=False)
+        run.cores = {2: BadSpeaker}
+        run.start_robot(2, "bad")
         assert run.exit_codes("bad") == [1]
         assert "ZeroDivisionError: at tick" in run.log("bad")
         run.ticks(20)
@@ -180,8 +181,8 @@ def test_world_that_raises_takes_everybody_with_it() -> None:
 def test_robot_that_talks_nonsense_holds_nobody_up() -> None:
     with small_run(absent=3, hang_deadline_s=0.5, medium_deadline_s=5.0) as run:
         member = Member(run.logins["robot-3"], "robot", 3, Sense.decode, Inbox.decode)
-        with member.session as session:
-            stray = session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
+        with member:
+            stray = member.session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
             for k in range(30):
                 turn = member.turn()
                 assert turn is not None

@@ -1,0 +1,84 @@
+"""A link that takes nothing is cut, and nothing else is."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bus.access import credentials, users_of
+from bus.breaker import STUCK_S, Breaker
+from bus.session import Login, Mailbox, Session, free_endpoint, local_endpoint, new_token
+
+
+def freeze(login: Login) -> None:
+    session = Session.connect(login)
+    session.subscribe(Mailbox(), session.keys.rx(4))
+    session.declare(new_token("robot", 4))
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+class Router:
+    """A router whose host puts turns for robot 4 without end, one subscriber that is frozen and one that listens."""
+
+    def __init__(self, endpoint: str) -> None:
+        logins = credentials("breaker", endpoint, 5)
+        self.host = Session.host(logins["medium"], users_of(logins))
+        self.tokens, self.heard = Mailbox(), Mailbox()
+        self.host.watch(self.tokens, self.host.keys.alive("robot"))
+        self.frozen = multiprocessing.get_context("spawn").Process(target=freeze, args=(logins["robot-4"],))
+        self.frozen.start()
+        self.came = self.tokens.get(30.0)
+        self.listener = Session.connect(logins["robot-4"])
+        self.listener.subscribe(self.heard, self.listener.keys.rx(4))
+        self.listener.declare(new_token("robot", 4))
+        assert self.tokens.get(30.0) is not None
+        self.cuts: list[int] = []
+        self.cut, self.over = threading.Event(), threading.Event()
+        self.breaker = Breaker(endpoint, self._was_cut)
+        self.breaker.node = 4
+        self.speaker = threading.Thread(target=self._speak, daemon=True)
+
+    def _was_cut(self, node: int) -> None:
+        self.cuts.append(node)
+        self.cut.set()
+
+    def _speak(self) -> None:
+        put = self.host.publisher(self.host.keys.rx(4, 1), blocking=True)
+        while not self.over.is_set():
+            self.breaker.puts += 1
+            put(bytes(30_000))
+            self.breaker.puts += 1
+
+    def close(self) -> None:
+        self.over.set()
+        self.frozen.kill()
+        self.frozen.join()
+        self.speaker.join(30.0)
+        self.listener.close()
+        self.host.close()
+
+
+@pytest.fixture(params=["socket", "port"])
+def router(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Router]:
+    made = Router(local_endpoint(tmp_path, 5) if request.param == "socket" else free_endpoint())
+    yield made
+    made.close()
+
+
+def test_a_link_that_takes_nothing_is_cut_and_the_others_stay(router: Router) -> None:
+    with router.breaker:
+        router.speaker.start()
+        assert router.cut.wait(20 * STUCK_S)
+        assert router.cuts == [4]
+        assert router.came is not None
+        assert router.tokens.get(10.0) == (router.came[0], None), "its token has dropped"
+        while router.heard.get(0.0) is not None:
+            pass
+        assert router.heard.get(10.0) is not None, "the turns go on"
+        assert router.listener.connected()
