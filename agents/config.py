@@ -170,6 +170,43 @@ class Scouting:
 
 
 @dataclass(frozen=True)
+class Sorties:
+    """Policy sortie (docs/sortie.md); each rule can be switched off alone."""
+
+    leave: bool = True
+    """Sortie: who is stopped near its frontier leaves the network for a while."""
+    stopped_ticks: Count = 15
+    """B stopped the robot for this long."""
+    budget_s: Positive = 40.0
+    """How long a sortie takes at most."""
+    budget_doublings: Annotated[int, Ge(0), Le(10)] = 3
+    """The budget doubles with every stall in a row, up to so often."""
+    pace_m_s: Positive = 0.4
+    """Mean speed that a robot reckons with, out and home."""
+    outward_share: Share = 0.4
+    """Share of the budget that the way to the first frontier may take."""
+    home_m: Positive = 0.6
+    """A robot this near to where it left is home."""
+    rest_s: NotNegative = 5.0
+    """Shortest time between two sorties."""
+    overdue_s: NotNegative = 60.0
+    """A robot that is not home this long after its time looks for the network by path recovery."""
+    join: bool = True
+    """Who is in need goes over to a neighbor that is nearer to its target."""
+    join_better_m: NotNegative = 2.0
+    join_most_s: Positive = 90.0
+    join_pause_s: NotNegative = 20.0
+    back: bool = True
+    """Whose way leads through deeper places than both its ends goes back up its chain."""
+    back_m: NotNegative = 5.0
+    """By how much deeper."""
+    depth: bool = True
+    """Who stalled in need takes shallower frontiers for a while."""
+    depth_m: NotNegative = 3.0
+    depth_s: NotNegative = 120.0
+
+
+@dataclass(frozen=True)
 class Rules:
     """All rules of a robot's behavior."""
 
@@ -179,6 +216,7 @@ class Rules:
     exploring: Exploring = field(default_factory=Exploring)
     reporting: Reporting = field(default_factory=Reporting)
     scouting: Scouting = field(default_factory=Scouting)
+    sorties: Sorties = field(default_factory=Sorties)
 
     def check(self) -> None:
         """Check the rules that concern several fields.
@@ -220,5 +258,5 @@ class RobotConfig:
     wall_factor: Annotated[float, Ge(1)] = 1.0
     """Factor by which a wall in between makes a neighbor seem farther away: 1 = no difference, inf = it blocks."""
     policy: str = "vds"
-    """Who decides: vds, scout, or module:Class (agents/policies.py)."""
+    """Who decides: vds, scout, sortie, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)

@@ -1,4 +1,4 @@
-"""Policy classes by their name in a scenario: `vds`, `scout`, or `module:Class`.
+"""Policy classes by their name in a scenario: `vds`, `scout`, `sortie`, or `module:Class`.
 
 For shells and scenarios: it imports what a user names. Cores are given the class.
 """
@@ -9,9 +9,10 @@ import importlib
 import sys
 
 from agents.scout import Scout
+from agents.sortie import Sortie
 from agents.vds import Vds
 
-_NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout}
+_NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout, "sortie": Sortie}
 
 
 class PolicyError(ValueError):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 from world.feed import Snapshot
-from world.terms import UNREACHABLE
+from world.terms import UNREACHABLE, Mode, seconds_of
 
 __all__ = ["Connectivity"]
+
+_AWAY: Final = int(Mode.AWAY)
 
 
 class Connectivity:
@@ -16,6 +20,11 @@ class Connectivity:
         self._connected = 0
         self.max_hops = 0
         """Of the longest finite route to the MS so far."""
+        self._absences = 0
+        self._absent = 0
+        self._longest = 0
+        self._since: dict[int, int] = {}
+        """The first tick of the planned absences under way, by row."""
 
     def add(self, snapshot: Snapshot) -> None:
         """Count one tick."""
@@ -25,8 +34,28 @@ class Connectivity:
             if here and hops != UNREACHABLE:
                 self._connected += 1
                 self.max_hops = max(self.max_hops, hops)
+        if _AWAY in snapshot.mode or self._since:
+            self._add_absences(snapshot)
+
+    def _add_absences(self, snapshot: Snapshot) -> None:
+        before, self._since = self._since, {}
+        for row, mode in enumerate(snapshot.mode.tolist()):
+            if mode == _AWAY and snapshot.present[row] and snapshot.hops[row] == UNREACHABLE:
+                self._since[row] = before.get(row, snapshot.tick)
+                self._absences += row not in before
+                self._absent += 1
+                self._longest = max(self._longest, snapshot.tick + 1 - self._since[row])
 
     @property
     def fraction(self) -> float:
         """Share of the robot ticks with a finite route to the MS, 0..1; 0 if no robot took part."""
         return self._connected / self._present if self._present else 0.0
+
+    @property
+    def planned_absences(self) -> dict[str, Any]:
+        """How often a robot on a sortie had no route to the MS, its share of the robot ticks, and the longest time."""
+        return {
+            "count": self._absences,
+            "fraction": self._absent / self._present if self._present else 0.0,
+            "longest_s": seconds_of(self._longest),
+        }

@@ -48,6 +48,8 @@ class Mode(IntEnum):
     """No route to the MS: autonomous path recovery."""
     WAIT = 4
     """Stands still (no target, or a rule of the policy holds it)."""
+    AWAY = 5
+    """On a sortie: left the network on purpose, and will come back (docs/sortie.md)."""
 
 
 def tick_of(at_s: float) -> int:

@@ -79,7 +79,7 @@ def _tiles(run: Run) -> str:
     tiles = [
         ("Searched", percent(mean_rate(run)), f"all after {seconds(search_time.get('all'))}"),
         ("Victims found", f"{number(victims.get('found'))} of {number(victims.get('placed'))}", ""),
-        ("Connected", percent(summary.get("connected_fraction"), 2), "of all robot time"),
+        ("Connected", percent(summary.get("connected_fraction"), 2), _apart(run)),
         ("Most hops", number(summary.get("max_hops")), "to the monitor station"),
         ("Faults", str(len(run.rows("faults"))), f"{len(affected)} cut robots off, {healed} recovered"),
         ("Real-time factor", number(summary.get("real_time_factor")), "simulated over wall time"),
@@ -91,6 +91,13 @@ def _tiles(run: Run) -> str:
         for name, value, note in tiles
     )
     return f'<dl class="tiles">{items}</dl>'
+
+
+def _apart(run: Run) -> str:
+    """What the share of connected robot time is of, and the part of the rest that was planned."""
+    absences = run.group("planned_absences")
+    away = f"; {percent(absences.get('fraction'), 2)} away as planned" if absences.get("count") else ""
+    return f"of all robot time{away}"
 
 
 def _trouble(run: Run) -> str:

@@ -55,6 +55,9 @@ km/h. Intervals are 95 % confidence intervals: of a mean by Student's t, of a ra
 the same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
 "walls block, no rule A"). Here scans count as soon as they arrive, even if their robot was cut off meanwhile
 (`store_and_forward = true`); the paper's figures discard those.
+
+A third policy, [`sortie`](sortie.md), stands on top of `scout` and leaves the network for a while on purpose. It is for
+real buildings; the tables below are older than it.
 """
 
 _WITHIN: Final = """\

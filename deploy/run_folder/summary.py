@@ -88,6 +88,7 @@ def summary_of(
         "search_time_s": station.get("search_time_s", progress.search_time_s),
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
+        "planned_absences": world.get("planned_absences", progress.connectivity.planned_absences if latest else None),
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),

@@ -119,7 +119,7 @@ class Tables:
     floor_plan: FloorPlan
     description: str = ""
     policy: Annotated[str, MinLen(1)] = "vds"
-    """The rules of the robots: vds (the paper's), scout, or module:Class."""
+    """The rules of the robots: vds (the paper's), scout, sortie, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
     radius_m: Positive = 20.0
     """r_t"""

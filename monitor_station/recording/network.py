@@ -115,7 +115,8 @@ class Network:
             self._chains.add(snapshot.tick, (places(snapshot, nodes, self._config.station_m), nodes))
 
     def _each_second(self, snapshot: Snapshot) -> None:
-        walking = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & (snapshot.mode == Mode.WALK)
+        searching = (snapshot.mode == Mode.WALK) | (snapshot.mode == Mode.AWAY)
+        walking = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & searching
         self._targets.add(snapshot.tick, snapshot.target_m[walking])
         self._ranges.add(snapshot.tick, snapshot.xy_m[snapshot.present == 1])
         self._hops.add(snapshot.tick, hop_summary(snapshot))

@@ -1,4 +1,4 @@
-"""Three short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
+"""Four short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
 
 A digest changes only in a commit of its own that says why.
 """
@@ -17,6 +17,10 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
         "three_cells",
         {"robots": 12, "radius_m": 15.0, "policy": "scout", "radio.model": "disk_los", "duration_s": 120.0, "seed": 2},
     ),
+    "sortie behind walls": (
+        "cluttered_room",
+        {"robots": 4, "policy": "sortie", "radio.model": "disk_los", "duration_s": 100.0, "seed": 4},
+    ),
     "noise and losses": (
         "office_floor",
         {
@@ -28,6 +32,7 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
 DIGESTS: Final = {
     "vds": "cf3d88415520caf5a3c1038c6f9d88e5ebd539c89b67326f9088eeaa8cea3c08",
     "scout behind walls": "9f9cb5ed742d7e168fea5e947443982946ac4a7a6ab289a95b017ca4f7e24b54",
+    "sortie behind walls": "40b25fffed0c59cb62f188cc5938cd9fa05535d160189936cb64a5915b7e4ab3",
     "noise and losses": "ea2cc2ccb24d72ecd9ab62a10dca91b29fb1c8878deb27a2e9f885623e5d97c6",
 }
 

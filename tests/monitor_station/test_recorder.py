@@ -295,6 +295,8 @@ def test_short_corrections_do_not_show_but_death_does_at_once() -> None:
     assert later[-1] == State.RECOVERING
     assert steady.update(45, np.array([State.DEAD]))[0] == State.DEAD
     assert steady.update(46, relay)[0] == State.RELAY
+    assert steady.update(47, np.array([State.AWAY]))[0] == State.AWAY
+    assert steady.update(48, relay)[0] == State.RELAY
 
 
 def test_tree_layout_gives_every_node_a_place_of_its_own() -> None:
