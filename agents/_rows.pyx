@@ -2,7 +2,7 @@
 """Loops over the rows of a forwarding table (`agents.forwarding_table`) and over acknowledgements (`agents.messages`).
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
-`-march`; setup.py). Rows come from a peer: `rows_possible` checks every destination before `merge` takes it for an index.
+`-march`; setup.py). Rows come from a peer: `merge` checks all of them before it takes any destination for an index.
 """
 
 from cpython cimport array
@@ -15,6 +15,7 @@ cdef enum:
     ROW = 28
     INHERENT = 18
     ACK = 8
+    STATION = 0
 
 
 def merge(
@@ -27,17 +28,22 @@ def merge(
     bytearray inherent,
     array.array before,
     int sticky,
+    int robots,
+    uint64_t tick,
     make_room,
 ):
     """Take over the fresher rows of the neighbor `sender`; the columns are those of the table of node `me`.
 
     Args:
         before: next hops before the first update of this tick.
-        sticky: a destination whose entry this leaves as it is.
+        sticky: a destination whose entry this leaves as it is; nobody adds the hop to this neighbor to it.
+        robots: the highest destination that there is.
+        tick: in which the rows are heard.
         make_room: called with a destination that the columns do not reach.
 
     Returns:
-        Freshness of the neighbor's own entry for `sticky`, or -1.
+        Freshness of the neighbor's own entry for `sticky`, or -1; None, and nothing is taken over, if one of the rows
+        can't be.
     """
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
@@ -47,6 +53,10 @@ def merge(
     cdef object about_sticky = -1
     cdef const short* hops_before = before.data.as_shorts
     cdef Py_ssize_t known_before = len(before), size = len(freshest)
+    # Everybody knows where the MS is.
+    cdef bint placed = sender == STATION or (sender < size and freshest.data.as_longlongs[sender] >= 0)
+    if not all_possible(raw, end, sender, placed, sticky, robots, tick):
+        return None
     while raw < end:
         dst = raw[0] | raw[1] << 8
         freshness = uint64_at(raw + 2)
@@ -73,16 +83,11 @@ def merge(
         memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
 
-def rows_possible(bytes rows, int sender, int sticky, int robots, uint64_t tick):
-    """Whether all rows that a neighbor says in `tick` can be (`agents.limits`): 0, or 1, or 2 with one of its own.
-
-    Args:
-        sticky: a destination to which nobody adds the hop to this neighbor.
-        robots: the highest destination that there is.
-    """
-    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
-    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
-    cdef int dst, found = 1
+cdef bint all_possible(
+    const unsigned char* raw, const unsigned char* end, int sender, bint placed, int sticky, int robots, uint64_t tick
+) noexcept:
+    """Whether all rows can be (`agents.limits`), and one of them, unless it is `placed`, is the sender's own."""
+    cdef int dst
     cdef uint64_t freshness, offered
     cdef unsigned int hop
     while end - raw >= ROW:
@@ -97,10 +102,9 @@ def rows_possible(bytes rows, int sender, int sticky, int robots, uint64_t tick)
             or (freshness >> 9) + (hop if hop < 255 else 0) >= tick
             or dst > robots
         ):
-            return 0
-        if hop == 0:
-            found = 2
-    return found if raw == end else 0
+            return False
+        placed = placed or hop == 0
+    return placed and raw == end
 
 def acks_possible(bytes acks, int robots, uint64_t tick):
     """Whether acknowledgements are ascending by robot and incarnation, and of reports that can be by `tick`."""

@@ -66,12 +66,13 @@ class Update:
         return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
 
     @staticmethod
-    def decode(data: bytes) -> Update:
+    def decode(data: bytes, robots: int = MAX_NODE, changes: int = MAX_TICK) -> Update:
+        """`robots`: N, the highest node that can be named; `changes`: most changes of the MS's map."""
         _, nms, hold, version, rows, acks = unpack(data, 6)
         if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
             raise WireError("table and acknowledgements are raw columns")
         return Update(
-            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks
+            integer(nms, NOBODY, robots), integer(hold, NOBODY, robots), integer(version, 0, changes), rows, acks
         )
 
 
