@@ -8,7 +8,9 @@ The same operations on the same doubles in the same order on every processor: ne
 from cpython cimport array
 from cpython.bytearray cimport PyByteArray_AS_STRING
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
-from libc.stdint cimport int64_t, uint64_t
+from cpython.long cimport PyLong_AsLongAndOverflow
+from libc.math cimport rint
+from libc.stdint cimport int32_t, int64_t, uint64_t
 from libc.string cimport memcpy
 
 cdef enum:
@@ -16,6 +18,9 @@ cdef enum:
     INHERENT = 18
     ACK = 8
     STATION = 0
+
+cdef double FARTHEST = 2**31 - 1
+"""What lies farther away is said to be here."""
 
 
 def merge(
@@ -106,7 +111,31 @@ cdef bint all_possible(
         placed = placed or hop == 0
     return placed and raw == end
 
-def acks_possible(bytes acks, int robots, uint64_t tick):
+def update_possible(fields, int robots, long changes, uint64_t tick):
+    """Whether the fields of an update have their types and can be heard in `tick` (`agents.limits`), its rows aside.
+
+    Args:
+        robots: the highest node that can be named.
+        changes: most changes of the MS's map.
+    """
+    if type(fields) is not list or len(<list>fields) != 6:
+        return False
+    _, nms, hold, version, rows, acks = <list>fields
+    if type(rows) is not bytes or type(acks) is not bytes:
+        return False
+    if not (within(nms, -1, robots) and within(hold, -1, robots) and within(version, 0, changes)):
+        return False
+    return acks_possible(acks, robots, tick)
+
+cdef bint within(object value, long low, long high) noexcept:
+    cdef int overflow = 0
+    cdef long number
+    if type(value) is not int:
+        return False
+    number = PyLong_AsLongAndOverflow(value, &overflow)
+    return not overflow and low <= number <= high
+
+cdef bint acks_possible(bytes acks, int robots, uint64_t tick) noexcept:
     """Whether acknowledgements are ascending by robot and incarnation, and of reports that can be by `tick`."""
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(acks)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(acks)
@@ -146,6 +175,19 @@ def advertised(list known, array.array freshest, bytearray inherent):
         memcpy(raw + 10, said + dst * INHERENT, INHERENT)
         raw += ROW
     return rows
+
+def announce(bytearray inherent, int dst, int flags, double x, double y, double target_x, double target_y):
+    """Write the inherent elements of `dst`; `x` and the others, in steps, are rounded and kept within 32 bits."""
+    cdef unsigned char* raw = <unsigned char*>PyByteArray_AS_STRING(inherent) + dst * INHERENT
+    cdef double[4] steps = [x, y, target_x, target_y]
+    cdef int place, byte
+    cdef int32_t value
+    raw[0] = flags & 255
+    raw[1] = flags >> 8
+    for place in range(4):
+        value = <int32_t>rint(min(max(steps[place], -FARTHEST), FARTHEST))
+        for byte in range(4):
+            raw[2 + 4 * place + byte] = value >> 8 * byte & 255
 
 def search_robots(array.array next_hop, bytearray inherent, int me):
     """Destinations, ascending, that have a route and the class SR, without `me`."""

@@ -35,8 +35,6 @@ _INHERENT_BYTES: Final = 18
 _PER_METRE: Final = 100_000.0
 """Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
-_FARTHEST: Final = 2**31 - 1
-"""What lies farther away is said to be here."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -126,10 +124,12 @@ class ForwardingTable:
     ) -> None:
         """Write the SRRC elements of one entry."""
         self._make_room(dst)
-        places = [round(_PER_METRE * value) for value in (*at_m, *target_m)]
-        if max(places) > _FARTHEST or min(places) < -_FARTHEST:
-            places = [min(max(place, -_FARTHEST), _FARTHEST) for place in places]
-        _INHERENT.pack_into(self._inherent, dst * _INHERENT_BYTES, cls | _NEED_BIT * need, *places)
+        x, y = at_m
+        target_x, target_y = target_m
+        _rows.announce(
+            self._inherent, dst, cls | _NEED_BIT * need,
+            _PER_METRE * x, _PER_METRE * y, _PER_METRE * target_x, _PER_METRE * target_y,
+        )  # fmt: skip
 
     def _make_room(self, dst: int) -> None:
         more = dst + 1 - len(self._freshness)

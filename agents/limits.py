@@ -13,7 +13,6 @@ A frame is heard one tick after it was sent. So in tick k
 
 from __future__ import annotations
 
-from agents import _rows
 from agents.config import RobotConfig
 from agents.messages import MapChunk, ScanReport, Update
 from bus.codec import WireError, integer
@@ -29,15 +28,12 @@ class Limits:
         self._chunk_cells = config.rules.reporting.chunk_cells
 
     def decode_update(self, payload: bytes, tick: int) -> Update:
-        """Decode an update and check all of it but its rows, which are checked where they are merged.
+        """Decode an update; its rows are checked where they are merged.
 
         Raises:
             WireError: it is none, or names a node that there is not, or numbers that nobody can have reached.
         """
-        update = Update.decode(payload, self._robots, self._changes)
-        if not _rows.acks_possible(update.acks, self._robots, tick):
-            raise WireError("acknowledgements are not ascending, or of reports that can't be")
-        return update
+        return Update.decode(payload, self._robots, self._changes, tick)
 
     def check_report(self, report: ScanReport, tick: int) -> None:
         """Check a scan report that arrives at the MS.

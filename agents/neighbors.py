@@ -63,8 +63,9 @@ class Neighbors:
         if neighbor is None:
             neighbor = self.by_id[node] = Neighbor(node, rx_power_dbm=rx_power_dbm)
         neighbor.heard_tick = tick
-        neighbor.rx_power_dbm += self._weight * (rx_power_dbm - neighbor.rx_power_dbm)
-        decades = (self._at_1m_dbm - neighbor.rx_power_dbm) / self._slope_db
+        power_dbm = neighbor.rx_power_dbm + self._weight * (rx_power_dbm - neighbor.rx_power_dbm)
+        neighbor.rx_power_dbm = power_dbm
+        decades = (self._at_1m_dbm - power_dbm) / self._slope_db
         neighbor.distance_m = 10.0 ** min(decades, MOST_DECADES)
         return neighbor
 

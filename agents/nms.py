@@ -129,6 +129,8 @@ class MsRoute:
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
         hops = self.hops
+        if hops == 1:
+            return None  # nobody saves a hop
         for neighbor in self._neighbors.by_id.values():
             if neighbor.ms_hop + 1 < hops:
                 break
