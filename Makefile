@@ -12,8 +12,9 @@ setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py bus/built.py bus/built.pxi $(wildcard */_*.pyx */*/_*.pyx)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
+	@test -x $(BIN)/python || { echo "setup, 1 of 2: makes $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@echo "setup, 2 of 2: compiles the loops and installs what constraints.txt pins; takes a minute or two"
+	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
 	touch $@
 
 run: setup
