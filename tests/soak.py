@@ -11,6 +11,7 @@ processes to look at. There is no recording: its file grows with the run, by des
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -106,7 +107,17 @@ def soak(
     asked.write_text(load("three_cells", {**options, "fault": faults}).to_toml(), encoding="utf-8")
     begun = time.monotonic()
     samples: dict[str, Sample] = {}
-    command = [sys.executable, str(SCRIPT), "--scenario", str(asked), "--in-process", "--no-recording", "-q"]
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        "--scenario",
+        str(asked),
+        "--in-process",
+        "--no-recording",
+        "-q",
+        "--owner",
+        str(os.getpid()),
+    ]
     with Popen([*command, "--out", str(folder / "replay")], stdin=DEVNULL) as replay:
         try:
             with Emulation(asked, folder / "run") as run:
