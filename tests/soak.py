@@ -118,7 +118,8 @@ def soak(
         "--owner",
         str(os.getpid()),
     ]
-    with Popen([*command, "--out", str(folder / "replay")], stdin=DEVNULL) as replay:
+    command += ["--out", str(folder / "replay"), "--owner", str(os.getpid())]
+    with Popen(command, stdin=DEVNULL) as replay:
         try:
             with Emulation(asked, folder / "run") as run:
                 for name, at_s in _stops(seconds):
@@ -219,7 +220,7 @@ def main() -> int:
         o = soak(options.seed, options.hours * 3600.0, Path(folder), robots=options.robots, tell=tell)
     tell(f"\n| process | {' | '.join(o.samples)} |\n|---|{'---|' * len(o.samples)}")
     for name in o.samples["start"]:
-        cells = [s[name] if name in s else None for s in o.samples.values()]
+        cells = [s.get(name) for s in o.samples.values()]
         tell(f"| {name} | {' | '.join('away' if m is None else _row({'': m}).strip() for m in cells)} |")
     words = "; ".join(o.problems) or "all held"
     tell(f"\n{o.faults} faults in {o.simulated_s / 3600:g} h simulated ({o.wall_s:.0f} s wall): {words}")
