@@ -108,27 +108,21 @@ def soak(
     begun = time.monotonic()
     samples: dict[str, Sample] = {}
     command = [
-        sys.executable,
-        str(SCRIPT),
-        "--scenario",
-        str(asked),
-        "--in-process",
-        "--no-recording",
-        "-q",
-        "--owner",
-        str(os.getpid()),
-    ]
-    command += ["--out", str(folder / "replay"), "--owner", str(os.getpid())]
-    with Popen(command, stdin=DEVNULL) as replay:
+        sys.executable, str(SCRIPT), "--scenario", str(asked), "--in-process", "--no-recording", "-q",
+        "--owner", str(os.getpid()), "--out", str(folder / "replay"),
+    ]  # fmt: skip
+    # In a session of its own like the other: the kernel shares out processors among sessions.
+    with Popen(command, stdin=DEVNULL, start_new_session=True) as replay:
         try:
-            with Emulation(asked, folder / "run") as run:
+            # Held, a run takes its steps as fast as it can; at this speed it is not over before it is held.
+            with Emulation(asked, folder / "run", speed=1.0) as run:
                 for name, at_s in _stops(seconds):
                     _run_to(run, at_s)
                     sample = _memory(run.pids)
                     tell(f"{at_s / 3600:.2f} h, {time.monotonic() - begun:.0f} s wall: {_row(sample)}")
                     if name:
                         samples[name] = sample
-                run.command("go")
+                run.command("speed max")
                 run.wait_until(lambda: _trimmed(run).over, 600.0)
                 summary = run.summary
                 wall_s = time.monotonic() - begun
@@ -137,7 +131,7 @@ def soak(
         finally:
             replay.kill()
     again = read_object(folder / "replay" / "summary.json")
-    problems = [*_grown(samples), *_broken(summary, again, len(faults))]
+    problems = [*grown(samples), *_broken(summary, again, len(faults))]
     return Outcome(len(faults), summary["simulated_s"], wall_s, samples, tuple(problems))
 
 
@@ -152,7 +146,8 @@ def _stops(seconds: float) -> Iterator[tuple[str, float]]:
 def _run_to(run: Emulation, at_s: float) -> None:
     """Let the run go on to a moment, and hold it there."""
     left = round(at_s / TICK_S) - run.command("hold")["tick"]
-    run.command(f"step {left}")
+    if left > 0:
+        run.command(f"step {left}")
     run.wait_until(lambda: _trimmed(run).simulated_s >= at_s - TICK_S, 24 * 3600.0)
 
 
@@ -179,7 +174,7 @@ def _row(sample: Sample) -> str:
     return ", ".join(f"{name} {m.rss_kb / 1000:.1f} ({m.pss_kb / 1000:.1f})" for name, m in sample.items())
 
 
-def _grown(samples: Mapping[str, Sample]) -> Iterator[str]:
+def grown(samples: Mapping[str, Sample]) -> Iterator[str]:
     middle, end = samples["middle"], samples["end"]
     for name in OLD:
         if name not in middle or name not in end or middle[name].pid != end[name].pid:
