@@ -1,12 +1,13 @@
-# Everything runs in .venv, which `make setup` makes once and again whenever the pins change.
+# Everything runs in .venv, which `make setup` makes once and again whenever the pins change. For another Python beside it:
+# make PYTHON=python3.13 VENV=build/venv-3.13 test
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos soak study clean
 
 setup: $(STAMP)
 
@@ -63,6 +64,10 @@ acceptance: setup
 
 chaos: setup
 	$(BIN)/python -m tests.chaos $(ARGS)
+
+# A day of simulated time on real processes, with a fault every 30 s: memory by process. ARGS='--hours 0.2' for a short one.
+soak: setup
+	$(BIN)/python -m tests.soak $(ARGS)
 
 study: setup
 	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)
