@@ -17,7 +17,7 @@ import numpy as np
 
 from agents import _rows
 from agents.config import RobotConfig
-from agents.messages import MapChunk, ScanReport, Update
+from agents.messages import AHEAD, MapChunk, ScanReport, Update
 from bus.codec import WireError, integer
 
 
@@ -40,6 +40,14 @@ class Limits:
         integer(update.map_version, 0, self._changes)
         if not _rows.acks_possible(update.acks, self._robots, tick):
             raise WireError("acknowledgements are not ascending, or of reports that can't be")
+        before = -1, -1
+        for robot, incarnation, number, mask in AHEAD.iter_unpack(update.ahead):
+            newest = number + 1 + int(mask).bit_length()
+            if not (
+                1 <= robot <= self._robots and mask and before < (robot, incarnation) and incarnation + newest <= tick
+            ):
+                raise WireError("acknowledgements ahead are not ascending, or of reports that can't be")
+            before = robot, incarnation
 
     def check_report(self, report: ScanReport, tick: int) -> None:
         """Check a scan report that arrives at the MS.

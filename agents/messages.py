@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,13 @@ from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls
 
 ACK: Final = struct.Struct("<HHI")
 """Robot, incarnation, number: the MS has all scan reports of that incarnation up to that number."""
+
+AHEAD: Final = struct.Struct("<HHIQ")
+"""Robot, incarnation, number, mask: bit b says that the MS has report number + 2 + b, though it lacks number + 1.
+It goes with the ACK of that number, where bandwidth is limited (selective acknowledgement: RFC 2018)."""
+
+AHEAD_NUMBERS: Final = 64
+"""Numbers that a mask covers."""
 
 _U4: Final = np.dtype("<u4")
 _I1: Final = np.dtype("i1")
@@ -53,31 +60,46 @@ class Update:
     rows: bytes
     """A sequence of agents.forwarding_table.ROW; `ForwardingTable.merge` checks it."""
     acks: bytes
-    """A sequence of ACK that belongs to the MS's entry."""
+    """A sequence of ACK that belongs to the MS's entry; empty: nothing is said of them."""
+    ahead: bytes
+    """A sequence of AHEAD that goes with `acks`."""
 
-    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes) -> None:
+    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes, ahead: bytes = b"") -> None:
         self.nms = nms
         self.hold = hold
         self.map_version = map_version
         self.rows = rows
         self.acks = acks
+        self.ahead = ahead
 
     def encode(self) -> bytes:
-        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
+        fields = UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks
+        return pack((*fields, self.ahead) if self.ahead else fields)
 
     @staticmethod
     def decode(data: bytes) -> Update:
-        _, nms, hold, version, rows, acks = unpack(data, 6)
+        fields = unpack(data, 7 if data[:1] == b"\x97" else 6)
+        _, nms, hold, version, rows, acks = fields[:6]
         if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
             raise WireError("table and acknowledgements are raw columns")
+        ahead = fields[6] if len(fields) == 7 else b""
+        if type(ahead) is not bytes or len(ahead) % AHEAD.size or (ahead and not acks):
+            raise WireError("what was acknowledged ahead is no raw column beside acknowledgements")
         return Update(
-            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks
-        )
+            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK),
+            rows, acks, ahead,
+        )  # fmt: skip
 
 
 @dataclass(slots=True, init=False)
 class ScanReport:
-    """What one lidar scan changed in its robot's map. It travels hop by hop to the MS."""
+    """What one lidar scan changed in its robot's map, or a part of that. It travels hop by hop to the MS."""
+
+    HEAD_BYTES: ClassVar[int] = 40
+    """Most that an encoded report takes beside its cells and victims."""
+    CELL_BYTES: ClassVar[int] = 5
+    VICTIM_BYTES: ClassVar[int] = 28
+    """Most that a victim takes."""
 
     origin: int
     incarnation: int
@@ -135,6 +157,11 @@ def one_hop_on(report: bytes) -> bytes | None:
     return pack((SCAN_REPORT, hops_left - 1, body)) if hops_left else None
 
 
+def body_of(onward: bytes) -> bytes:
+    """What `one_hop_on` passes on: the same for all copies of a report, however many hops they have left."""
+    return onward[3:]
+
+
 def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
     values = column(raw, _I1, length)
     assert isinstance(raw, bytes), "or else it is no column"
@@ -146,6 +173,10 @@ def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
 @dataclass(slots=True, init=False)
 class MapChunk:
     """The MS's map changes number `first` to `first` + n - 1, on their way down."""
+
+    HEAD_BYTES: ClassVar[int] = 20
+    """Most that an encoded chunk takes beside its changes."""
+    CHANGE_BYTES: ClassVar[int] = 5
 
     first: int
     cells: NDArray[np.uint32]
