@@ -12,7 +12,8 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, column, integer, pack, places, unpack, within
+from agents import _rows
+from bus.codec import WireError, column, integer, pack, places, unpack, unpacked, within
 from world.messages import sightings
 from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls
 
@@ -77,18 +78,23 @@ class Update:
         return pack((*fields, self.ahead) if self.ahead else fields)
 
     @staticmethod
-    def decode(data: bytes) -> Update:
-        fields = unpack(data, 7 if data[:1] == b"\x97" else 6)
-        _, nms, hold, version, rows, acks = fields[:6]
-        if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
-            raise WireError("table and acknowledgements are raw columns")
-        ahead = fields[6] if len(fields) == 7 else b""
-        if type(ahead) is not bytes or len(ahead) % AHEAD.size or (ahead and not acks):
-            raise WireError("what was acknowledged ahead is no raw column beside acknowledgements")
-        return Update(
-            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK),
-            rows, acks, ahead,
-        )  # fmt: skip
+    def decode(data: bytes, robots: int = MAX_NODE, changes: int = MAX_TICK, tick: int = MAX_TICK) -> Update:
+        """Everything is checked but the rows, which are checked where they are merged.
+
+        Args:
+            data: as encoded.
+            robots: N, the highest node that can be named.
+            changes: most changes of the MS's map.
+            tick: in which it is heard.
+
+        Raises:
+            WireError: it is no update, or one with a node or a number that can't be (agents/limits.py).
+        """
+        fields = unpacked(data)
+        if not _rows.update_possible(fields, robots, changes, tick):
+            raise WireError("no update, or one with a node, a number or acknowledgements that can't be")
+        _, nms, hold, version, rows, acks, *ahead = fields
+        return Update(nms, hold, version, rows, acks, *ahead)
 
 
 @dataclass(slots=True, init=False)

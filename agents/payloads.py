@@ -25,11 +25,12 @@ def sort_payloads(
     bad = 0
     if inbox is None:
         return updates, bad
-    for src, power, payload in inbox.receptions:
+    for reception in inbox.receptions:
+        payload = reception[2]
         try:
             kind = kind_of(payload)
             if kind == UPDATE:
-                updates.append((src, power, payload))
+                updates.append(reception)
             elif kind in handlers:
                 handlers[kind](payload)
             else:

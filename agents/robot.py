@@ -116,11 +116,11 @@ class Robot:
         router = self.body.router
         if tick < router.quiet_until:
             return ()
-        ms = router.ms
-        update = self._announcer.update(tick, ms.nms, action.hold, self.downlink.version, (ms.acks, ms.ahead), room)
+        ms, nms = router.ms, router.ms.nms
+        update = self._announcer.update(tick, nms, action.hold, self.downlink.version, (ms.acks, ms.ahead), room)
         frames: list[Frame] = [] if update is None else [(BROADCAST, update)]
-        if ms.nms != NOBODY:
-            frames += [(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops, room)]
+        if nms != NOBODY:
+            frames += [(nms, payload) for payload in self.uplink.due(tick, ms.hops, room)]
         else:
             self.uplink.drop_carried()
         frames += self.downlink.due(tick, router.inv, router.neighbors, room)

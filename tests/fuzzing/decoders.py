@@ -170,8 +170,8 @@ def _merge(rows: bytes) -> object:
 
 def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     config = scenario().robot_config(1)
-    update = Update.decode(Update(-1, -1, 0, b"", acks, ahead).encode())
-    Router(config, node_stream(1, 1, 0), 0).limits.check_update(update, 100)
+    payload = Update(-1, -1, 0, b"", acks, ahead).encode()
+    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
         uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())

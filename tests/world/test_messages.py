@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.messages import AHEAD, MapChunk, ScanReport, Table, Update
+from agents.messages import ACK, AHEAD, MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
 from bus.envelopes import Answer, Moves, Opening, Turn
 from medium.messages import UNLIMITED, Inbox, Transmission
@@ -73,8 +73,8 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
         st.integers(0, UNLIMITED), st.integers(0, UNLIMITED),
     ),
     st.builds(
-        Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(), st.just(b"\0" * 8),
-        st.sampled_from([b"", b"\0" * AHEAD.size]),
+        Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(),
+        st.just(ACK.pack(1, 0, 1)), st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
     ),
     st.builds(
         ScanReport, node, node, st.integers(1, 99),
