@@ -117,6 +117,8 @@ class Reporting:
     resend_min_s: Positive = 1.0
     chunk_cells: Count = 2000
     """Most map changes that one frame carries."""
+    window: Count = 32
+    """Most reports of a robot that are under way to the MS where bandwidth is limited."""
 
 
 @dataclass(frozen=True)
@@ -257,6 +259,8 @@ class RobotConfig:
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0
     """Factor by which a wall in between makes a neighbor seem farther away: 1 = no difference, inf = it blocks."""
+    bandwidth_limited: bool = False
+    """Whether the radio may take less than the robot has to say; its inbox tells how much (medium/airtime.py)."""
     policy: str = "vds"
     """Who decides: vds, scout, sortie, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)

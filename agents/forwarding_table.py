@@ -172,9 +172,9 @@ class ForwardingTable:
                 self._next_hop[dst] = NOBODY
                 self._freshness[dst] = (self._freshness[dst] >> 8) + 1 << 8
 
-    def advertised(self) -> bytes:
-        """Encode the whole table as a sequence of ROW, in the order in which destinations became known."""
-        return _rows.advertised(self.known, self._freshness, self._inherent)
+    def advertised(self, known: list[int] | None = None) -> bytes:
+        """Encode known destinations as a sequence of ROW; None: all, in the order in which they became known."""
+        return _rows.advertised(self.known if known is None else known, self._freshness, self._inherent)
 
     def check_invariants(self) -> None:
         """Raise AssertionError if the columns contradict one another."""

@@ -115,6 +115,10 @@ def _check(tables: Tables) -> None:
         tables.rules.check()
     except ValueError as error:
         raise ScenarioError(f"rules.{error}") from None
+    try:
+        tables.radio.check()
+    except ValueError as error:
+        raise ScenarioError(f"radio.{error}") from None
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)

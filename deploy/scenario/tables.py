@@ -144,7 +144,7 @@ class Tables:
 def nearest(name: str, known: Sequence[str]) -> str:
     """A hint for the end of an error: the known name that is most like `name`, or all known names."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+    return f"did you mean '{close[0]}'?" if close else f"known: {shown(', '.join(known), 180)}"
 
 
 def validate(raw: Mapping[str, Any]) -> Tables:

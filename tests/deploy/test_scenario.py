@@ -119,6 +119,7 @@ def test_received_power_is_smoothed_only_where_it_is_noisy() -> None:
     assert smoothing(model="disk", shadowing_db=4.0) == 0.0
     assert smoothing(model="log_distance") == 0.0
     assert smoothing(model="log_distance", shadowing_db=4.0) == 1.0
+    assert smoothing(model="log_distance", fading="rician") == 1.0
 
 
 def test_a_ros_map_alone_is_a_scenario(tmp_path: Path) -> None:
@@ -187,6 +188,14 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"radio.loss": 1.5}, "radio.loss = 1.5"),
     ({"radio": 3}, "radio = 3: should be a table"),
     ({"radio.loss.more": 3}, r"radio.loss = \{'more': 3\}: should be a valid number"),
+    ({"radio.fading": "rice"}, "radio.fading = 'rice'"),
+    ({"radio.fading": "rician"}, 'radio.fading = "rician" needs model = "log_distance".*not "disk"'),
+    ({"radio.coherence_s": 0.0}, "radio.coherence_s = 0"),
+    ({"radio.shadowing_correlation_m": 0.0}, "radio.shadowing_correlation_m = 0"),
+    ({"radio.burst_share": 1.0}, "radio.burst_share = 1"),
+    ({"radio.burst_s": 0.05}, "radio.burst_s = 0.05"),
+    ({"radio.burst_share": 0.9, "radio.burst_s": 0.5}, "radio.burst_s = 0.5: .*0.9.*needs burst_s >= 0.9"),
+    ({"radio.channel_bytes_s": 0}, "radio.channel_bytes_s = 0"),
     ({"lidar.beams": 2}, "lidar.beams"),
     ({"rules.routing.r_in_share": 0.95}, "r_in_share < r_out_share"),
     ({"rules.exploring.retreat_min_s": 100.0}, "retreat_min_s <= retreat_max_s"),

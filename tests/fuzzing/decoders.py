@@ -21,7 +21,19 @@ import numpy as np
 from agents.config import RobotConfig
 from agents.dsdv import Router
 from agents.forwarding_table import ForwardingTable
-from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport, Table, Update, kind_of, one_hop_on
+from agents.messages import (
+    ACK,
+    MAP_CHUNK,
+    SCAN_REPORT,
+    UPDATE,
+    MapChunk,
+    ScanReport,
+    Table,
+    Update,
+    kind_of,
+    one_hop_on,
+)  # fmt: skip
+from agents.room import Room
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError, unpack_map
 from bus.command_line import parse, parser
@@ -134,6 +146,7 @@ def _messages() -> Iterator[WayIn]:
         "motion": lambda data: decode_word(1, data, world), "report": lambda data: decode_word(STATION, data, world),
         f"payload {UPDATE}": Update.decode, f"payload {MAP_CHUNK}": MapChunk.decode,
         f"payload {SCAN_REPORT}": ScanReport.decode, "rows": _merge, "acks": _acknowledge,
+        "ahead": lambda ahead: _acknowledge(ACK.pack(1, 0, 1), ahead),
     }  # fmt: skip
     for kind, read in by_kind.items():
         yield WayIn(kind, read, tuple(packed[kind]))
@@ -155,14 +168,15 @@ def _merge(rows: bytes) -> object:
             table.location_m(dst), table.target_m(dst), table.cls(dst)
 
 
-def _acknowledge(acks: bytes) -> object:
+def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     config = scenario().robot_config(1)
-    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(Update(-1, -1, 0, b"", acks).encode(), 100)
+    payload = Update(-1, -1, 0, b"", acks, ahead).encode()
+    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
         uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
-    uplink.due(100, 1)
-    return uplink.acknowledge(acks)
+    uplink.due(100, 1, Room(None, limited=False))
+    return uplink.acknowledge(100, acks, ahead)
 
 
 def _restore(journal: bytes) -> object:

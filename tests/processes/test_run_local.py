@@ -23,6 +23,12 @@ from tests.helpers.running import LONG, Running, assert_readable, command, gone
 from tests.helpers.waiting import alive, wait_until
 
 CTL = ROOT / "deploy" / "ctl.py"
+POOR_RADIO = (
+    "--fault", "pause:2@4+2", "--fault", "restart:3@8+2", "--set", "radio.model=log_distance",
+    "--set", "radio.shadowing_db=3.0", "--set", "radio.shadowing_correlation_m=5.0", "--set", "radio.fading=rayleigh",
+    "--set", "radio.burst_share=0.1", "--set", "radio.bandwidth_bytes_s=5000", "--set", "radio.channel_bytes_s=20000",
+)  # fmt: skip
+"""Everything that is off by default."""
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -181,7 +187,9 @@ def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[...
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los")])
+@pytest.mark.parametrize(
+    "options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los"), POOR_RADIO]
+)
 def test_the_same_run_in_one_process_has_the_same_digest(
     start: Callable[..., Running], options: tuple[object, ...]
 ) -> None:
