@@ -25,7 +25,7 @@ def test_names_lead_to_classes() -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vdss", "vds, scout, or module:Class"),
+        ("vdss", "vds, scout, sortie, or module:Class"),
         ("no_such_module:Class", "cannot import no_such_module"),
         ("agents.vds:Nothing", "no class Nothing"),
         ("agents.explorer:Explorer", "derived from agents.vds.Vds"),
