@@ -16,6 +16,7 @@ from deploy.scenario.name import name_of
 from deploy.screen.view import Silence
 from deploy.sweep.plan import load_study
 from tests import ROOT
+from world.own_file import write_whole
 
 MAP = """\
 image: map.pgm
@@ -180,6 +181,23 @@ def test_a_page_replaces_a_page_only(run: Path, tmp_path: Path) -> None:
     shutil.copyfile(run / "scenario.toml", run / "comparison.html")
     assert ask("report.py", "--compare", "run", "run", cwd=tmp_path)[0] == 2
     assert (run / "comparison.html").read_bytes() == (run / "scenario.toml").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["page.html.part", "page.html.2.part"])
+def test_a_file_that_is_written_passes_by_what_has_the_name_of_its_draft(tmp_path: Path, name: str) -> None:
+    for each in ("page.html.part", name):
+        (tmp_path / each).write_text("precious")
+    before = contents(tmp_path)
+    for text in ("first", "second"):
+        write_whole(tmp_path / "page.html", text)
+        assert contents(tmp_path) == {**before, "page.html": text.encode()}
+
+
+def test_a_file_that_cannot_be_written_leaves_no_draft(tmp_path: Path) -> None:
+    (tmp_path / "page.html").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path / "page.html", "text")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
 def test_a_benchmark_replaces_a_benchmark_only(tmp_path: Path) -> None:
