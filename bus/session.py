@@ -55,7 +55,12 @@ def port_of(endpoint: str) -> int:
         BusError: it has no port.
     """
     port = endpoint.rpartition(":")[2]
-    if not endpoint.startswith("tcp/") or not port.isdecimal() or len(port) > 5 or not 0 < int(port) < 65_536:
+    if (
+        not endpoint.startswith("tcp/")
+        or not (port.isascii() and port.isdecimal())
+        or len(port) > 5
+        or not 0 < int(port) < 65_536
+    ):
         raise BusError(f"'{shown(endpoint)}' is not an endpoint such as tcp/127.0.0.1:7447")
     return int(port)
 

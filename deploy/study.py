@@ -34,16 +34,20 @@ REPORT: Final = "report"
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser
+    from deploy.command import Parser, a_whole_number
 
     p = Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
     p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
-    p.add_argument("--workers", type=int, metavar="N", help="processes of this machine (default: one per core)")
+    p.add_argument(
+        "--workers", type=a_whole_number, metavar="N", help="processes of this machine (default: one per core)"
+    )
     p.add_argument("--processes", action="store_true", help="run each as real processes, not in one")
     p.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, such as tcp://HOST:8786")
     p.add_argument("--quick", action="store_true", help="the study's small grid")
-    p.add_argument("--sample", type=int, metavar="N", help="only N of its runs, chosen at random, always the same")
+    p.add_argument(
+        "--sample", type=a_whole_number, metavar="N", help="only N of its runs, chosen at random, always the same"
+    )
     p.add_argument("--compare", type=Path, metavar="DIR", help="then compare with the results there, wall times aside")
     p.add_argument("--retry-failed", action="store_true", help="run failed runs again")
     p.add_argument("--plot-only", action="store_true", help="run nothing, draw what is there")

@@ -29,7 +29,7 @@ FOLDER: Final = Path(__file__).resolve().parent.parent / "studies"
 BASE: Final = "base"
 """Name of the only variant of a study that lists none."""
 
-_RANGE: Final = re.compile(r"(-?\d{1,9})\.\.(-?\d{1,9})")
+_RANGE: Final = re.compile(r"(-?[0-9]{1,9})\.\.(-?[0-9]{1,9})")
 _MOST_STEPS: Final = 10_000
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol
 
+from deploy.machine.interrupts import TO_ALL
 from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
@@ -120,7 +121,7 @@ class DaskCluster:
 def _begin_worker(lifeline: Connection) -> None:
     one_thread()
     # Ctrl-C and the end of a terminal reach all its processes; only the study reacts.
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in TO_ALL:
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
     # A worker ends without a word, with its runs under way: what they have in temporary folders goes with it.
