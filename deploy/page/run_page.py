@@ -12,6 +12,7 @@ from deploy.page.charts import Bar, Line, Mark, bar_chart, legend, line_chart
 from deploy.page.html import card, milliseconds, number, page, percent, say, seconds, table
 from deploy.page.map_picture import MAP_KEY, map_picture
 from deploy.run_folder.reader import Run
+from deploy.run_folder.status import meaning_of
 from deploy.scenario.tables import ScenarioError, validate_fault
 from monitor_station.config import cell_title
 from world.faults import describe
@@ -55,14 +56,8 @@ def report_page(run: Run) -> str:
 
 
 def status(run: Run) -> str:
-    words = {
-        "searched": ("good", "all cells searched"),
-        "time_limit": ("soft", "time limit reached"),
-        "interrupted": ("soft", "interrupted"),
-        "failed": ("bad", "failed"),
-    }
-    kind, text = words.get(str(run.summary["status"]), ("bad", str(run.summary["status"])))
-    return f'<span class="badge {kind}">{escape(text)}</span>'
+    meaning = meaning_of(run.summary["status"])
+    return f'<span class="badge {meaning.kind}">{escape(meaning.words)}</span>'
 
 
 def mean_rate(run: Run) -> float | None:

@@ -13,7 +13,7 @@ import types
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -33,6 +33,7 @@ __all__ = [
     "StationPlace",
     "Tables",
     "Victims",
+    "checked",
     "nearest",
     "validate",
     "validate_fault",
@@ -153,7 +154,7 @@ def validate(raw: Mapping[str, Any]) -> Tables:
     Raises:
         ScenarioError: an unknown key, a missing one, or a value out of its bounds.
     """
-    return _checked(_TABLES, raw, Tables, ())
+    return checked(_TABLES, raw, Tables)
 
 
 def validate_fault(raw: Any, index: int) -> Fault:
@@ -162,15 +163,29 @@ def validate_fault(raw: Any, index: int) -> Fault:
     Raises:
         ScenarioError: as `validate`.
     """
-    return _checked(_FAULT, raw, Fault, ("fault", index))
+    return checked(_FAULT, raw, Fault, ("fault", index))
 
+
+_WORDS: Final = {"an object": "a table", "a valid dictionary": "a table", "a valid array": "a list"}
+"""What pydantic calls the values of a TOML file."""
 
 T = TypeVar("T")
 _TABLES: TypeAdapter[Tables] = TypeAdapter(Tables)
 _FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
 
 
-def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...]) -> T:
+def checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...] = ()) -> T:
+    """A dataclass from raw tables, as `tomllib` gives them.
+
+    Args:
+        adapter: of the dataclass.
+        raw: the table.
+        kind: the dataclass.
+        path: keys that lead to the table in its file.
+
+    Raises:
+        ScenarioError: an unknown key, a missing one, or a value out of its bounds; in the words of a TOML file.
+    """
     _refuse_unknown(raw, kind, path)
     # JSON knows no tuples, so with it pydantic takes lists for them and can be strict: no "9" for 9, no true for 1.
     try:
@@ -219,7 +234,8 @@ def _first(error: ValidationError, raw: Any, path: tuple[str | int, ...]) -> str
     messages: list[str] = []
     for item, where in zip(errors, paths, strict=True):
         message = "is missing" if item["type"] == "missing" else item["msg"].replace("Input should", "should")
-        message = message.replace("an object", "a table")
+        for theirs, ours in _WORDS.items():
+            message = message.replace(theirs, ours)
         if where == paths[0] and message not in messages:
             messages.append(message)
     what = " or ".join(messages)

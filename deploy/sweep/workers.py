@@ -23,7 +23,10 @@ from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
 
-__all__ = ["DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
+__all__ = ["CONNECT_S", "DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
+
+CONNECT_S: Final = 10
+"""Wall time within which a Dask scheduler must answer."""
 
 
 class WorkersGoneError(Exception):
@@ -100,7 +103,7 @@ class DaskCluster:
         # The client logs a traceback when its scheduler ends; one line of ours says so.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         connect: Any = distributed.Client
-        self._client = connect(address, timeout="10s")
+        self._client = connect(address, timeout=CONNECT_S)
         # Not `pure`, or Dask would return an earlier result for equal arguments.
         self._executor: Executor = self._client.get_executor(pure=False)
 

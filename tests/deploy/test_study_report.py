@@ -11,11 +11,12 @@ import pytest
 
 from deploy.paper.claims import fig6_claims, fig7_claims
 from deploy.paper.results_page import write_report
+from deploy.run_folder.status import ERROR
 from deploy.sweep.bounds import Bounds
 from deploy.sweep.plan import Study, Variant, load_study, points_of, study_names
 from deploy.sweep.plots import draw
 from deploy.sweep.results import Results
-from deploy.sweep.row import ERROR, Finished
+from deploy.sweep.row import Finished
 from tests.helpers.studies import rates, row
 
 BOUNDS = Bounds(60.0, 8.0, 1 / 3.6, 0.8)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy import command, study
 from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import ScenarioError, load
@@ -160,6 +161,18 @@ def test_a_report_without_results_leaves_the_pages_that_are_there(tmp_path: Path
         assert (status, out, errors.count("\n")) == (2, "", 1)
         assert "keeps its pages" in errors
     assert contents(ROOT / "docs") == before
+
+
+def test_a_report_of_an_installed_package_needs_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert study.main(["report"]) == 2
+    told = capsys.readouterr()
+    assert "is no checkout" in told.err
+    assert (told.out, told.err.count("\n")) == ("", 1)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["results.md", "policies.md", "results/fig6.png"])

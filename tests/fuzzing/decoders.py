@@ -224,7 +224,8 @@ def _files(folder: Path) -> Iterator[WayIn]:
     results = Results(folder / "results")
     results.claim()
     results.note({"command": "study"})
-    part = json.dumps({"row": {"key": "a", "status": "searched"}, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
+    row = {"key": "a", "variant": "base", "status": "searched", "seed": 1, "robots": 2, "radius_m": 20.0}
+    part = json.dumps({"row": row, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
 
     def through(path: Path, read: Callable[[], object], *samples: bytes) -> tuple[Callable[[bytes], object], Any]:
         def write_and_read(data: bytes) -> object:
