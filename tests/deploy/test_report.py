@@ -24,9 +24,10 @@ from deploy.page.html import percent
 from deploy.page.run_page import repeat_command, report_page
 from deploy.report import main
 from deploy.run_folder.reader import read_run
+from deploy.run_folder.status import STATUSES
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 from tests import ROOT
 from tests.helpers.report_runs import EVIL, evil_run, short_run
 
@@ -112,15 +113,36 @@ def test_the_command_in_the_report_repeats_the_run(faulted: Path, tmp_path: Path
     assert before["trace_sha256"] == after["trace_sha256"]
 
 
-def test_the_command_names_faults_that_a_hand_made(plain: Path, tmp_path: Path) -> None:
-    shutil.copytree(plain, tmp_path / "by hand")
+def test_the_command_repeats_faults_of_a_hand_beside_planned_ones_of_the_same_verb_and_tick(
+    faulted: Path, tmp_path: Path
+) -> None:
+    """Robot 2 was killed by schedule at 5 s, and robot 3 by hand at the same tick."""
+    twice = short_run(tmp_path / "twice", "kill:2@5", "kill:3@5")
+    shutil.copytree(twice, tmp_path / "by hand")
+    shutil.copyfile(faulted / "scenario.toml", tmp_path / "by hand" / "scenario.toml")
+    summary = json.loads((twice / "summary.json").read_text())
+    (tmp_path / "by hand" / "summary.json").write_text(json.dumps({**summary, "wall_clock_faults": 1}))
+    run = read_run(tmp_path / "by hand")
+    page = Page(report_page(run)).text
+    assert "1 of its faults came at a moment of wall time" in page
+    assert f"ends with the same digest: {summary['trace_sha256']}" in page
+    script, *arguments = shlex.split(repeat_command(run))
+    again = [sys.executable, ROOT / script, *arguments, "--in-process", "--no-recording", "-q", "--out", tmp_path / "r"]
+    subprocess.run(again, check=True, timeout=300)
+    assert json.loads((tmp_path / "r" / "summary.json").read_text())["trace_sha256"] == summary["trace_sha256"]
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_the_page_speaks_of_every_status_in_words_and_promises_no_digest_of_half_a_run(
+    status: str, plain: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(plain, tmp_path / "run")
     summary = json.loads((plain / "summary.json").read_text())
-    summary["faults"] = [{"verb": "pause", "target": "3", "at_s": 4.1, "for_s": 2.5},
-                         {"verb": "loss", "probability": 0.25, "at_s": 6.0, "for_s": 3.0}]  # fmt: skip
-    (tmp_path / "by hand" / "summary.json").write_text(json.dumps(summary))
-    words = shlex.split(repeat_command(read_run(tmp_path / "by hand")))
-    assert words[2] == str(tmp_path / "by hand" / "scenario.toml")
-    assert words[3:] == ["--fault", "pause:3@4.1+2.5", "--fault", "loss:0.25@6+3"]
+    (tmp_path / "run" / "summary.json").write_text(json.dumps({**summary, "status": status}))
+    page = Page(report_page(read_run(tmp_path / "run"))).text
+    assert STATUSES[status].words in page
+    assert "_" not in STATUSES[status].words
+    assert ("same digest" in page) == (status in ("searched", "time_limit", "no_robots"))
 
 
 def test_a_comparison_shows_both_and_the_difference(plain: Path, faulted: Path) -> None:
@@ -241,7 +263,7 @@ def test_any_name_that_a_cell_may_have_comes_back(tmp_path: Path) -> None:
     asked = {"robots": 1, "duration_s": 1.0, "cell": [{"name": cell, "rectangle_m": [2.0, 2.0, 18.0, 38.0]}]}
     scenario = load("three_cells", asked)
     with RunFolder(tmp_path / "run", scenario) as folder:
-        run_in_process(scenario, folder, Silence(), record=False)
+        run_in_process(scenario, folder, NoView(), record=False)
     run = read_run(tmp_path / "run")
     assert list(run.search_rates) == [cell]
     assert_harmless(Page(report_page(run)))
