@@ -107,6 +107,7 @@ def _check(options: argparse.Namespace) -> None:
         if value is not None and value < 1:
             raise ValueError(f"--{name} {value}: at least 1")
     if options.compare is not None:
+        from bus.excerpt import shown
         from deploy.sweep.results import Results
 
         try:
@@ -114,7 +115,7 @@ def _check(options: argparse.Namespace) -> None:
         except (OSError, ValueError) as error:
             raise ValueError(f"--compare {error}") from None
         if not there:
-            raise ValueError(f"--compare {options.compare}: no results.parquet there, and no run that is done")
+            raise ValueError(f"--compare {shown(options.compare)}: no results.parquet there, and no run that is done")
 
 
 def _sampled(points: list[Point], count: int | None) -> list[Point]:
@@ -126,16 +127,19 @@ def _sampled(points: list[Point], count: int | None) -> list[Point]:
 
 
 def _workers(options: argparse.Namespace) -> Workers:
+    from bus.excerpt import shown
     from deploy.sweep.workers import CONNECT_S, DaskCluster, LocalPool
 
     if options.dask:
         try:
-            print(f"logging in at the Dask scheduler {options.dask} ({CONNECT_S} s at most)", flush=True)
+            print(f"logging in at the Dask scheduler {shown(options.dask)} ({CONNECT_S} s at most)", flush=True)
             return DaskCluster(options.dask)
         except ImportError:
             raise ValueError("--dask needs the package distributed: run `make setup`") from None
         except (OSError, ValueError, TimeoutError) as error:
-            raise ValueError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+            raise ValueError(
+                f"--dask {shown(options.dask)}: no scheduler answers there ({shown(error, 200)})"
+            ) from None
     return LocalPool(_worker_count(options))
 
 

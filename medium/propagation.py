@@ -15,12 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from medium.config import MediumConfig
+from medium.config import NEAREST_M, MediumConfig
 from world.grid.lines import walls_crossed
 from world.seeds import link_uniforms
-
-_NEAREST_M: Final = 0.01
-"""The curve has no value at distance 0."""
 
 _PLACE_M: Final = 1.0
 """Shadowing is constant per link while both ends stay in squares of this size."""
@@ -52,7 +49,7 @@ class Propagation:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Power in dBm and audibility, both (n, n) and symmetric, of each node (row) at each other (column)."""
         distance_m = distances_m(xy_m)
-        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, _NEAREST_M))
+        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, NEAREST_M))
         model = self._config.radio.model
         if model == "log_distance":
             self._obstruct(power, nodes, xy_m)

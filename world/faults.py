@@ -105,7 +105,7 @@ def _check_target(target: str, robots: int | None) -> None:
     if not _NODE.fullmatch(number) or int(number) < 1:
         raise ValueError(f"unknown target '{shown(target)}', expected {ROLES}")
     if robots is not None and int(number) > robots:
-        raise ValueError(f"target '{target}': there are only robots 1 to {robots}")
+        raise ValueError(f"target '{shown(target)}': there are only robots 1 to {robots}")
 
 
 def _check_jam(target: str, robots: int | None) -> None:

@@ -90,7 +90,9 @@ def _floor_plan(plan: FloorPlan) -> tuple[NDArray[np.bool_], GridGeometry]:
                 raise ScenarioError("floor_plan has both map and rectangles; give either")
             path = Path(plan.map)
             if plan.map_sha256 is not None and digest_of_map(path) != plan.map_sha256:
-                raise ScenarioError(f"floor_plan.map: {path} is not the map of this scenario any more (map_sha256)")
+                raise ScenarioError(
+                    f"floor_plan.map: {shown(path)} is not the map of this scenario any more (map_sha256)"
+                )
             native = load_map(path)
             return native if plan.resolution_m is None else resampled(*native, plan.resolution_m)
         if plan.size_m is None or not plan.free:

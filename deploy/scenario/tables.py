@@ -20,7 +20,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from agents.config import Rules
 from bus.excerpt import shown
-from medium.config import Radio
+from medium.config import NEAREST_M, Radio
 from world.config import Fault, Lidar
 from world.grid.geometry import MAX_CELLS
 from world.terms import MOST, Positive
@@ -100,13 +100,13 @@ class Victims:
 class Deadlines:
     """Deadlines of wall time. They do not show in a trace unless one is exceeded."""
 
-    hang_s: Positive = 2.0
-    """A node that neither answers nor works for this long is left out."""
-    think_s: Positive = 60.0
+    hang_s: Annotated[float, Ge(0.5), Le(MOST)] = 2.0
+    """A node that neither answers nor works for this long is left out. It tells of its work four times a second."""
+    think_s: Annotated[float, Ge(1), Le(MOST)] = 60.0
     """A node whose process spends more processor time than this on one tick is left out although it works."""
-    medium_s: Positive = 30.0
+    medium_s: Annotated[float, Ge(1), Le(MOST)] = 30.0
     """A medium silent for this long fails the run."""
-    return_s: Positive = 30.0
+    return_s: Annotated[float, Ge(1), Le(MOST)] = 30.0
     """A scheduled restart whose process is not there after this long fails the run."""
 
 
@@ -123,8 +123,8 @@ class Tables:
     policy: Annotated[str, MinLen(1)] = "vds"
     """The rules of the robots: vds (the paper's), scout, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
-    radius_m: Positive = 20.0
-    """r_t"""
+    radius_m: Annotated[float, Ge(NEAREST_M), Le(MOST)] = 20.0
+    """r_t; the radio's curve begins at that distance"""
     seed: Annotated[int, Ge(0), Le(2**63 - 1)] = 1
     duration_s: Annotated[float, Gt(0), Le(1e8)] = 4000.0
     speed: Literal["max"] | Positive = "max"

@@ -42,6 +42,7 @@ from deploy.scenario.files import read_toml
 from deploy.scenario.tables import validate
 from deploy.sweep.plan import load_study
 from deploy.sweep.results import Results
+from medium.config import MediumConfig
 from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
 from tests import ROOT
@@ -217,7 +218,10 @@ def _silently(act: Callable[[str], object], text: str) -> object:
 def _files(folder: Path) -> Iterator[WayIn]:
     login = Login("run", "tcp/127.0.0.1:7447", "robot-1", "secret")
     handover, operator = folder / "handover.json", folder / "operator"
-    write_handover(handover, login, config=scenario().robot_config(1), world=scenario().world_config())
+    write_handover(
+        handover, login, config=scenario().robot_config(1), world=scenario().world_config(),
+        medium=scenario().medium_config(), users={"robot-1": "secret"},
+    )  # fmt: skip
     operator.mkdir()
     write_operator(operator, login)
     study = (ROOT / "deploy" / "studies" / "policies_limits.toml").read_bytes()
@@ -276,7 +280,13 @@ def _configurations(path: Path) -> object:
     words = io.StringIO()
     try:
         with contextlib.redirect_stderr(words):
-            return parse(parser("fuzz", ""), ["--credentials", str(path)], config=RobotConfig, world=WorldConfig)
+            hints = {
+                "config": RobotConfig,
+                "world": WorldConfig,
+                "medium": MediumConfig,
+                "users": dict[str, str] | None,
+            }
+            return parse(parser("fuzz", ""), ["--credentials", str(path)], **hints)
     except SystemExit:
         raise ValueError(words.getvalue()) from None
 
