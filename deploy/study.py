@@ -30,20 +30,26 @@ if TYPE_CHECKING:
 ALSO_NEEDED: Final = ("matplotlib", "pyarrow")
 REPORT: Final = "report"
 """Word for the command line, instead of a study: write docs/results.md and docs/policies.md from the results."""
+_MANY_RUNS: Final = 1000
+"""So many take some seconds to check."""
 
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser
+    from deploy.command import Parser, a_whole_number
 
     p = Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
     p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
-    p.add_argument("--workers", type=int, metavar="N", help="processes of this machine (default: one per core)")
+    p.add_argument(
+        "--workers", type=a_whole_number, metavar="N", help="processes of this machine (default: one per core)"
+    )
     p.add_argument("--processes", action="store_true", help="run each as real processes, not in one")
     p.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, such as tcp://HOST:8786")
     p.add_argument("--quick", action="store_true", help="the study's small grid")
-    p.add_argument("--sample", type=int, metavar="N", help="only N of its runs, chosen at random, always the same")
+    p.add_argument(
+        "--sample", type=a_whole_number, metavar="N", help="only N of its runs, chosen at random, always the same"
+    )
     p.add_argument("--compare", type=Path, metavar="DIR", help="then compare with the results there, wall times aside")
     p.add_argument("--retry-failed", action="store_true", help="run failed runs again")
     p.add_argument("--plot-only", action="store_true", help="run nothing, draw what is there")
@@ -60,7 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     one_thread()
     from deploy.scenario import ScenarioError
-    from deploy.sweep.plan import load_study, points_of
+    from deploy.sweep.plan import load_study, points_of, runs_of
+    from deploy.sweep.results import Results
     from deploy.sweep.workers import WorkersGoneError
 
     if options.study == [REPORT]:
@@ -70,6 +77,9 @@ def main(arguments: list[str] | None = None) -> int:
         plans = []
         for source in options.study:
             study = load_study(source, quick=options.quick)
+            Results(_folder(study, options)).check()
+            if (runs := runs_of(study)) > _MANY_RUNS:
+                print(f"{study.name}: checking its {runs:,} runs", flush=True)
             plans.append((study, _sampled(points_of(study), options.sample)))
         workers = None if options.plot_only else _workers(options)
     except (ScenarioError, OSError, ValueError) as error:
@@ -96,8 +106,16 @@ def _check(options: argparse.Namespace) -> None:
         value = getattr(options, name)
         if value is not None and value < 1:
             raise ValueError(f"--{name} {value}: at least 1")
-    if options.compare is not None and not (options.compare / "results.parquet").exists():
-        raise ValueError(f"--compare {options.compare}: no results.parquet there")
+    if options.compare is not None:
+        from bus.excerpt import shown
+        from deploy.sweep.results import Results
+
+        try:
+            there = Results(options.compare).rows()
+        except (OSError, ValueError) as error:
+            raise ValueError(f"--compare {error}") from None
+        if not there:
+            raise ValueError(f"--compare {shown(options.compare)}: no results.parquet there, and no run that is done")
 
 
 def _sampled(points: list[Point], count: int | None) -> list[Point]:
@@ -109,15 +127,19 @@ def _sampled(points: list[Point], count: int | None) -> list[Point]:
 
 
 def _workers(options: argparse.Namespace) -> Workers:
-    from deploy.sweep.workers import DaskCluster, LocalPool
+    from bus.excerpt import shown
+    from deploy.sweep.workers import CONNECT_S, DaskCluster, LocalPool
 
     if options.dask:
         try:
+            print(f"logging in at the Dask scheduler {shown(options.dask)} ({CONNECT_S} s at most)", flush=True)
             return DaskCluster(options.dask)
         except ImportError:
             raise ValueError("--dask needs the package distributed: run `make setup`") from None
         except (OSError, ValueError, TimeoutError) as error:
-            raise ValueError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+            raise ValueError(
+                f"--dask {shown(options.dask)}: no scheduler answers there ({shown(error, 200)})"
+            ) from None
     return LocalPool(_worker_count(options))
 
 
@@ -166,12 +188,18 @@ def _run(study: Study, points: list[Point], workers: Workers | None, options: ar
 def _execute(
     study: Study, points: list[Point], workers: Workers, results: Results, console: Console, options: argparse.Namespace
 ) -> None:
-    from deploy.sweep.row import ERROR
+    from deploy.run_folder.status import meaning_of
     from deploy.sweep.workers import Execution
 
     done = results.done(retry_failed=options.retry_failed)
     todo = [point for point in points if point.key not in done]
     _say(console, f"{study.name}: {len(points)} runs, {len(points) - len(todo)} of them done, in {results.folder}")
+    if damaged := results.damaged():
+        _say(
+            console,
+            f"{len(damaged)} files in {results.folder / 'parts'} are damaged and count as "
+            f"not run, such as {damaged[0].name}",
+        )
     _warn_of_other_code(results, {point.key for point in points}, console)
     execution = Execution(workers, "processes" if options.processes else "in-process", study.series_step_s)
     begun, count = time.monotonic(), 0
@@ -180,7 +208,7 @@ def _execute(
             task = bar.add_task(study.name, total=sum(point.effort for point in todo), runs=0, of=len(todo))
             for count, (point, finished) in enumerate(execution.results(todo), 1):
                 results.add(finished)
-                if finished.row["status"] == ERROR:
+                if not meaning_of(finished.row["status"]).result:
                     bar.console.print(f"run {point.key} failed: {finished.row['error']}", markup=False, soft_wrap=True)
                 bar.update(task, advance=point.effort, runs=count)
     finally:
@@ -266,17 +294,20 @@ def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, 
 def _report(out: Path | None) -> int:
     from deploy.command import ROOT, refuse
     from deploy.paper.results_page import unfinished, write_report
+    from deploy.sweep.results import ResultsError
     from world.own_file import ForeignFileError
 
+    if out is None and not (ROOT / "docs" / "paper.md").is_file():
+        return refuse("study.py", f"{ROOT} is no checkout, whose docs the report goes into: name a folder by --out")
     studies, docs = Path("runs") / "studies", out or ROOT / "docs"
-    if (docs / "results.md").exists() and (lacking := unfinished(studies)):
-        return refuse(
-            "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. Run "
-            "those studies, or write pages of what is there into another folder by --out"
-        )  # fmt: skip
     try:
+        if (docs / "results.md").exists() and (lacking := unfinished(studies)):
+            return refuse(
+                "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
+                "Run those studies, or write pages of what is there into another folder by --out"
+            )  # fmt: skip
         pages = write_report(studies, docs)
-    except ForeignFileError as error:
+    except (ForeignFileError, ResultsError) as error:
         return refuse("study.py", error)
     except OSError as error:
         return refuse("study.py", f"{error.filename}: can't write there: {error.strerror}")

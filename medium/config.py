@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from world.grid import GridGeometry
 from world.terms import TICK_S, Positive, Probability
+
+NEAREST_M: Final = 0.01
+"""The curve of the received power has no value at distance 0: closer than this it is flat."""
 
 Decibels = Annotated[float, Ge(-1000), Le(1000)]
 Loss = Annotated[float, Ge(0), Le(1000)]

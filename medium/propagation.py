@@ -9,18 +9,14 @@ the power off at the sensitivity.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medium.config import MediumConfig
+from medium.config import NEAREST_M, MediumConfig
 from medium.fading import Fading
 from medium.shadowing import MOST_SIGMAS, Shadowing
 from world.grid.lines import walls_crossed
-
-_NEAREST_M: Final = 0.01
-"""The curve has no value at distance 0."""
 
 
 def distances_m(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,7 +52,7 @@ class Propagation:
             tick: of the frames; it must not fall from call to call.
         """
         distance_m = distances_m(xy_m)
-        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, _NEAREST_M))
+        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, NEAREST_M))
         model = self._config.radio.model
         if model == "log_distance":
             if self._fading is not None:

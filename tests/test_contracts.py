@@ -84,6 +84,63 @@ def test_no_message_repeats_a_value_whatever_its_length() -> None:
     assert not found
 
 
+OURS = {
+    # numbers, and names that the sources give
+    "length", "low", "high", "kind", "number", "i", "count", "node", "tick", "robots", "port", "pid", "needed", "hard",
+    "line", "lacking", "column", "dtype", "key", "name", "value", "writer", "size", "ndim", "robot",
+    # texts that were put together here, of what `shown` and others repeat
+    "error", "what", "where", "why", "which", "only", "hint", "known", "said", "place", "problem", "shares", "names",
+    "who", "whom",
+    # of exceptions and messages
+    "strerror", "encoding", "start", "src", "_ticking", "__name__", "stem", "line_num", "verb", "_beams", "lost",
+    "missing",
+}  # fmt: skip
+"""Names of variables and attributes that a refusal may repeat as they are: they have a bounded length by themselves."""
+
+
+def repeated_whole(tree: ast.Module) -> set[str]:
+    """What the refusals of a source repeat that may be of any length: texts of outside, not passed through `shown`."""
+    found = set()
+    for refusal in ast.walk(tree):
+        if not isinstance(refusal, ast.Raise) or refusal.exc is None:
+            continue
+        for node in ast.walk(refusal.exc):
+            if isinstance(node, ast.FormattedValue) and node.format_spec is None and not _is_ours(node.value):
+                found.add(ast.unparse(node.value))
+    return found
+
+
+def _is_ours(value: ast.expr) -> bool:
+    name = getattr(value, "attr", None) or getattr(value, "id", None)
+    if name is not None:
+        return name in OURS or name.isupper()
+    if isinstance(value, ast.BinOp):
+        return all(isinstance(side, ast.Constant) or _is_ours(side) for side in (value.left, value.right))
+    if isinstance(value, ast.IfExp):
+        return all(isinstance(side, ast.Constant | ast.JoinedStr) for side in (value.body, value.orelse))
+    if isinstance(value, ast.Subscript):
+        return _is_ours(value.value)
+    if isinstance(value, ast.Call):
+        named = getattr(value.func, "id", None) or getattr(value.func, "attr", "")
+        return named in {"shown", "len", "nearest", "_list", "_tail", "node_name"} or (
+            named == "join" and all(getattr(part, "id", "").isupper() for part in value.args)
+        )
+    return False
+
+
+def test_no_refusal_repeats_a_text_of_outside_at_its_whole_length() -> None:
+    found = {path: repeated_whole(tree) for path, tree in sources("bus", *CORE_PACKAGES, "deploy")}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    "value", ["path", "options.run", "str(target)", "self.text", "module", "', '.join(names_given)"]
+)
+def test_the_rule_on_refusals_sees(value: str) -> None:
+    assert repeated_whole(ast.parse(f"raise ValueError(f'{{{value}}}: no')".replace("', '", '", "')))
+    assert not repeated_whole(ast.parse("raise ValueError(f'{shown(path)}: {error}, {ROLES}, {len(x)}, {x:g}')"))
+
+
 def test_cores_open_print_and_ask_nothing() -> None:
     builtins = {"open", "print", "input", "breakpoint", "exec", "eval", "__import__"}
     found = [

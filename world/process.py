@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from bus.codec import WireError
 from bus.envelopes import Flood, Moves, Opening
+from bus.excerpt import shown
 from bus.heartbeat import Beat
 from bus.lockstep import Kind, Patience, seal
 from bus.malformed import Malformed
@@ -169,7 +170,8 @@ class Shell:
                         self._outlets.signal(Signal(self._core.tick, node, "look"))
                 if waited_s > self._config.return_deadline_s:
                     absent = [node_name(node) for node in sorted(awaited)] + ["medium"] * (not self._mediums)
-                    raise RunError(f"not there within {self._config.return_deadline_s:g} s: {', '.join(absent)}")
+                    who = shown(", ".join(absent), 300)
+                    raise RunError(f"not there within {self._config.return_deadline_s:g} s: {who}")
                 continue
             delay_s = self._pace.delay_s(self._core.tick)
             if delay_s <= 0.0:

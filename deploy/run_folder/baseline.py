@@ -54,7 +54,7 @@ class Baseline:
         now = tomllib.loads(scenario.to_toml())
         for key in sorted({*was, *now}.difference(_NO_MATTER)):
             if was.get(key) != now.get(key):
-                raise ScenarioError(f"{folder} can't be compared: its {key} is not this run's")
+                raise ScenarioError(f"{shown(folder)} can't be compared: its {shown(key)} is not this run's")
         return cls(folder, _times_s(folder, summary))
 
     def lost_s(self, search_time_s: Mapping[str, float | None]) -> dict[str, float | None]:

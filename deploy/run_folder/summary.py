@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from deploy.run_folder.status import meaning_of
 from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
 from world.connectivity import Connectivity
 from world.feed import Snapshot
@@ -114,7 +115,7 @@ def summary_of(
 
 def shortfall(summary: Mapping[str, Any]) -> str | None:
     """One line on a run that the world ended before it was searched, out of time or interrupted; else None."""
-    if summary["status"] not in ("failed", "no_robots"):
+    if meaning_of(summary["status"]).as_asked:
         return None
     return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
 

@@ -12,10 +12,11 @@ from pathlib import Path
 import psutil
 import pytest
 
+from deploy.run_folder.status import ERROR
 from deploy.study import main
 from deploy.sweep.plan import load_study, points_of
 from deploy.sweep.results import Results, differences
-from deploy.sweep.row import ERROR, run_point
+from deploy.sweep.row import run_point
 from deploy.sweep.workers import Execution, LocalPool
 from tests.helpers.studies import command, tiny
 from tests.helpers.study_workers import die_once_told, pretend
@@ -119,6 +120,8 @@ def test_an_end_by_force_or_by_request_loses_only_what_was_running(tmp_path: Pat
         (["fig7", "fig6", "--out", "x"], "--out takes one study"),
         (["fig7", "report"], "report stands alone"),
         (["fig7", "--compare", "nowhere"], "no results.parquet"),
+        (["fig7", "--compare", "n" * 5000], "--compare"),
+        (["fig7", "--out", "n" * 5000, "--plot-only"], "name too long"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(

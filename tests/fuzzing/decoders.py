@@ -54,6 +54,7 @@ from deploy.scenario.files import read_toml
 from deploy.scenario.tables import validate
 from deploy.sweep.plan import load_study
 from deploy.sweep.results import Results
+from medium.config import MediumConfig
 from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
 from tests import ROOT
@@ -231,14 +232,18 @@ def _silently(act: Callable[[str], object], text: str) -> object:
 def _files(folder: Path) -> Iterator[WayIn]:
     login = Login("run", "tcp/127.0.0.1:7447", "robot-1", "secret")
     handover, operator = folder / "handover.json", folder / "operator"
-    write_handover(handover, login, config=scenario().robot_config(1), world=scenario().world_config())
+    write_handover(
+        handover, login, config=scenario().robot_config(1), world=scenario().world_config(),
+        medium=scenario().medium_config(), users={"robot-1": "secret"},
+    )  # fmt: skip
     operator.mkdir()
     write_operator(operator, login)
     study = (ROOT / "deploy" / "studies" / "policies_limits.toml").read_bytes()
     results = Results(folder / "results")
     results.claim()
     results.note({"command": "study"})
-    part = json.dumps({"row": {"key": "a", "status": "searched"}, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
+    row = {"key": "a", "variant": "base", "status": "searched", "seed": 1, "robots": 2, "radius_m": 20.0}
+    part = json.dumps({"row": row, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
 
     def through(path: Path, read: Callable[[], object], *samples: bytes) -> tuple[Callable[[bytes], object], Any]:
         def write_and_read(data: bytes) -> object:
@@ -289,7 +294,13 @@ def _configurations(path: Path) -> object:
     words = io.StringIO()
     try:
         with contextlib.redirect_stderr(words):
-            return parse(parser("fuzz", ""), ["--credentials", str(path)], config=RobotConfig, world=WorldConfig)
+            hints = {
+                "config": RobotConfig,
+                "world": WorldConfig,
+                "medium": MediumConfig,
+                "users": dict[str, str] | None,
+            }
+            return parse(parser("fuzz", ""), ["--credentials", str(path)], **hints)
     except SystemExit:
         raise ValueError(words.getvalue()) from None
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.machine.interrupts import SIGNALS
 from deploy.processes.operator_file import OPERATOR
 from tests import ROOT
 from tests.helpers.running import LONG, Running
@@ -90,7 +91,7 @@ def test_a_run_that_is_ended_while_it_starts_leaves_nothing(
         assert not running.out.exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_to_the_whole_group_ends_the_run_in_order(start: Start, place: Place, number: signal.Signals) -> None:
     """As a terminal or `timeout` sends it."""
     running = start(*LONG, environment=place.environment)
@@ -106,7 +107,7 @@ def test_a_signal_to_the_whole_group_ends_the_run_in_order(start: Start, place: 
 def test_who_presses_ctrl_c_again_and_again_gets_the_status_of_an_interrupted_run(
     start: Start, place: Place, engine: tuple[str, ...]
 ) -> None:
-    running = start(*LONG, "--speed", 20, *engine, environment=place.environment)
+    running = start(*LONG, *(engine or ("--speed", 20)), environment=place.environment)
     wait_until(lambda: running.rows() > 3, 60, "some seconds are simulated")
     with contextlib.suppress(ProcessLookupError):
         while running.process.poll() is None:
