@@ -189,8 +189,8 @@ def test_no_message_repeats_a_value_whatever_its_length() -> None:
     "line",
     [
         "import shutil", "import concurrent.futures", "from concurrent import futures", "import _thread",
-        "import ctypes", "import select", "import fcntl", "import mmap", "import glob", "import sched", "import logging",
-        "import queue",
+        "import ctypes", "import select", "import fcntl", "import mmap", "import glob", "import sched",
+        "import logging", "import queue",
         "import urllib.request", "from urllib import request", "import io\nx = io.open('a')", "import os.path as p",
         "from builtins import open as o", "import importlib\nt = importlib.import_module('time')", "import time",
         "import asyncio", "import scipy.io", "from scipy import io", "import numpy.lib.npyio", "import zenoh",
