@@ -11,7 +11,7 @@ so no loop can arise [paper 3.6]. A node that is back, but has not taken its fir
 (ARCHITECTURE.md). A broken entry (hop count 255, odd number) is kept, not deleted.
 
 The columns are arrays, and the destination's id is the index. A node merges degree x N rows in every tick, and most of
-them are old news; an index finds that out sooner than a hash does.
+them are no fresher than its own entries; an index shows that sooner than a hash does.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PER_METRE: Final = 100_000.0
 """Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
 _FARTHEST: Final = 2**31 - 1
-"""What lies farther away is said to be here."""
+"""The largest coordinate that travels; those beyond are clamped to it."""
 _WITH_OWN: Final = 2
 """What the loop returns for possible rows with one of the sender's own."""
 

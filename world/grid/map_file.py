@@ -149,5 +149,5 @@ def _decoding(header: MapHeader, place: Path) -> Iterator[None]:
     except Image.DecompressionBombError:
         raise ValueError(f"{shown(header.path)}: image: {shown(place)}: more than {MAX_CELLS:,} pixels") from None
     except Exception:
-        what = "not a whole PNG, PGM, BMP, JPEG, TIFF or GIF"
+        what = "not a complete PNG, PGM, BMP, JPEG, TIFF or GIF"
         raise ValueError(f"{shown(header.path)}: image: {shown(place)}: {what}") from None

@@ -133,7 +133,7 @@ def _fields(path: Path) -> _Fields:
         if not isinstance(key, yaml.ScalarNode):
             continue
         if key.value in fields:
-            raise ValueError(f"{shown(path)}: {shown(key.value)} stands there twice (line {key.start_mark.line + 1})")
+            raise ValueError(f"{shown(path)}: {shown(key.value)} is given twice (line {key.start_mark.line + 1})")
         fields[key.value] = value
     if "image" not in fields:
         raise ValueError(f"{shown(path)}: not a ROS map: it names no image")
