@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from agents.config import Reporting
 from agents.messages import ACK, ScanReport, one_hop_on
 from bus.codec import WireError
-from world.terms import TICK_S
+from world.terms import tick_of
 
 
 class ScanUplink:
@@ -17,7 +17,7 @@ class ScanUplink:
     def __init__(self, node: int, incarnation: int, rules: Reporting) -> None:
         self._node = node
         self._incarnation = incarnation
-        self._resend_min_ticks = round(rules.resend_min_s / TICK_S)
+        self._resend_min_ticks = tick_of(rules.resend_min_s)
         self._unacknowledged: dict[int, bytes] = {}
         self._sent_tick: dict[int, int] = {}
         self._carried: list[bytes] = []
