@@ -45,9 +45,7 @@ def move(
     return np.array(places, np.float64).reshape(-1, 2)
 
 
-def _blocked(
-    walls: NDArray[np.bool_], geometry: GridGeometry, a: tuple[float, float], b: tuple[float, float]
-) -> bool:
+def _blocked(walls: NDArray[np.bool_], geometry: GridGeometry, a: tuple[float, float], b: tuple[float, float]) -> bool:
     """Whether a wall lies between a, which is free, and b."""
     row, col = geometry.cell(*a)
     to_row, to_col = geometry.cell(*b)
