@@ -96,7 +96,7 @@ def test_a_yaw_counts_by_what_it_moves(tmp_path: Path) -> None:
         ("- image: map.png", "names no image"),
         (YAML.replace("map.png", ""), "image is empty"),
         (YAML.replace("map.png", "[map.png]"), "image is a list"),
-        (YAML.replace("map.png", "{a: map.png}"), "image is a table"),
+        (YAML.replace("map.png", "{a: map.png}"), "image is a mapping"),
         ("x: &a [*a]\n" + YAML.replace(METRES, "*a\n"), "resolution is a list"),
         ("# " + "x" * 70_000, "larger than 65,536 bytes"),
         (YAML.replace(METRES, "0\n"), "resolution = 0 is not above 0"),
