@@ -24,7 +24,7 @@ def move(
     """Positions a tick later. A robot that a wall stops slides along x, else along y, else stays.
 
     Args:
-        walls: (rows, cols), with a closed frame of walls.
+        walls: (rows, cols), with a closed rim of walls.
         geometry: of `walls`.
         xy_m: (n, 2) places, each in a free cell.
         velocities_m_s: n pairs, wanted.

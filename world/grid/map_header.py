@@ -151,7 +151,7 @@ def _text(fields: _Fields, key: str, default: str | None = None) -> str:
 
 def _scalar(node: yaml.Node, key: str) -> str:
     if not isinstance(node, yaml.ScalarNode):
-        raise ValueError(f"{key} is a {'list' if isinstance(node, yaml.SequenceNode) else 'table'}, not a value")
+        raise ValueError(f"{key} is a {'list' if isinstance(node, yaml.SequenceNode) else 'mapping'}, not a value")
     text: str = node.value.strip()
     if not text:
         raise ValueError(f"{key} is empty")
