@@ -47,6 +47,7 @@ from monitor_station.core import Station
 from tests import ROOT
 from tests.fuzzing.samples import recorded, scenario
 from tests.helpers.report_runs import short_run
+from tests.oracles.forwarding_table import check_invariants
 from world.config import WorldConfig
 from world.control import Control
 from world.faults import jam_of, parse_fault
@@ -149,7 +150,7 @@ def _merge(rows: bytes) -> object:
     try:
         return table.merge(2, rows, table.next_hops(), STATION, 100)
     finally:
-        table.check_invariants()
+        check_invariants(table)
         for dst in table.known:
             assert 0 <= dst <= 4
             table.location_m(dst), table.target_m(dst), table.cls(dst)
@@ -157,7 +158,7 @@ def _merge(rows: bytes) -> object:
 
 def _acknowledge(acks: bytes) -> object:
     config = scenario().robot_config(1)
-    Router(config, node_stream(1, 1, 0), 0).limits.check_update(Update(-1, -1, 0, b"", acks), 100)
+    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(Update(-1, -1, 0, b"", acks).encode(), 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
         uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
