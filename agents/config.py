@@ -17,7 +17,7 @@ Share = Annotated[float, Ge(0), Le(1)]
 
 KM_H = 1 / 3.6
 _MOST_POWER: Final = 300.0
-"""Of ten, that is still a number."""
+"""The largest exponent of ten that is allowed: 10^300 is still a finite double."""
 
 POWER_SMOOTHING_S: Final = 1.0
 """Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""

@@ -123,12 +123,7 @@ class Member(Generic[S, I]):
     """One process of a node, as it takes part in the ticks."""
 
     def __init__(
-        self,
-        login: Login,
-        role: str,
-        node: int,
-        sense: Callable[[bytes], S],
-        inbox: Callable[[bytes], I],
+        self, login: Login, role: str, node: int, sense: Callable[[bytes], S], inbox: Callable[[bytes], I]
     ) -> None:
         """Log in and join: the world admits this process at its next tick.
 

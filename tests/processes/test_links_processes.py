@@ -24,7 +24,7 @@ def told(run: SmallRun) -> list[str]:
 
 
 def test_a_frozen_process_does_not_stop_the_turns_of_its_successor() -> None:
-    with small_run(hang_deadline_s=0.5) as run:
+    with small_run(hang_deadline_s=2.0) as run:
         run.signal("robot-1", signal.SIGSTOP)
         run.until(lambda: not run.present(1), "robot 1 departed")
         run.start_robot(1, "successor")
@@ -59,9 +59,9 @@ def test_a_sender_that_floods_is_left_out_and_nobody_else(act: Callable[[Login, 
     with small_run() as run:
         before = {name: peak_kb(run, name) for name in ("medium", "world")}
         run.start_rogue(act, 2)
-        run.until(lambda: not run.present(2), "robot 2 departed", 60.0)
+        run.until(lambda: not run.present(2), "robot 2 departed")
         assert any(text.startswith("robot 2: floods the run with messages") for text in told(run))
-        run.until(lambda: run.processes["rogue"].exitcode is not None, "all is said", 60.0)
+        run.until(lambda: run.processes["rogue"].exitcode is not None, "all is said")
         run.ticks(50)
         assert all(snapshot.present[[0, 2]].all() for snapshot in run.snapshots)
         for name, held_kb in before.items():

@@ -32,11 +32,11 @@ def from_rectangles(
     occupied = np.ones(geometry.size, np.bool_)
     for name, rectangles, wall in (("free", free, False), ("walls", walls, True)):
         for i, (x0, y0, x1, y1) in enumerate(rectangles, 1):
-            place = f"{name}[{i}] = {x0:g}, {y0:g}, {x1:g}, {y1:g}"
+            which = f"{name}[{i}] = {x0:g}, {y0:g}, {x1:g}, {y1:g}"
             if x0 >= x1 or y0 >= y1:
-                raise ValueError(f"{place}: a rectangle is x0, y0, x1, y1 with x0 < x1 and y0 < y1")
+                raise ValueError(f"{which}: a rectangle is x0, y0, x1, y1 with x0 < x1 and y0 < y1")
             if x0 < 0 or y0 < 0 or x1 > size_m[0] or y1 > size_m[1]:
-                raise ValueError(f"{place}: outside size_m = {size_m[0]:g}, {size_m[1]:g}")
+                raise ValueError(f"{which}: outside size_m = {size_m[0]:g}, {size_m[1]:g}")
             occupied[geometry.rectangle(x0, y0, x1, y1)] = wall
     return occupied.reshape(rows, cols), geometry
 
