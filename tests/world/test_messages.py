@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.messages import MapChunk, ScanReport, Table, Update
+from agents.messages import ACK, MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
 from bus.envelopes import Answer, Moves, Opening, Turn
 from medium.messages import Inbox, Transmission
@@ -69,7 +69,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
         Transmission, tick, node, st.lists(st.tuples(st.integers(-1, 99), st.binary()), max_size=3).map(tuple)
     ),
     st.builds(Inbox, tick, st.lists(st.tuples(node, coordinate, st.binary()), max_size=3).map(tuple)),
-    st.builds(Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(), st.just(b"\0" * 8)),
+    st.builds(Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(), st.just(ACK.pack(1, 0, 0))),
     st.builds(
         ScanReport, node, node, st.integers(1, 99),
         column(np.uint32), column(np.int8, 0, 1), places,
