@@ -28,10 +28,10 @@ from typing import Any, ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from agents.body import Body, Place
+from agents.body import Body
 from agents.predicted_links import PredictedLinks
 from agents.vds import STILL, Vds, Velocity
-from world.terms import NOBODY, TICK_S, Cls, Mode, tick_of
+from world.terms import NOBODY, TICK_S, Cls, Mode, Place, tick_of
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

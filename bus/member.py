@@ -169,9 +169,9 @@ class Member(Generic[S, I]):
         """
         mark, heartbeat = self.phases.mark, self._heartbeat
         while True:
-            heartbeat.turns += 1
+            heartbeat.switches += 1
             message = self.mailbox.get(_POLL_S)
-            heartbeat.turns += 1
+            heartbeat.switches += 1
             if not self._joined:
                 self.phases.skip()
             mark("waiting")

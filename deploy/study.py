@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     from deploy.command import INTERRUPTED, refuse, require
 
     require(Path(__file__), ALSO_NEEDED)
-    from deploy.sweep.row import one_thread
+    from deploy.machine.limits import one_thread
 
     one_thread()
     from deploy.scenario import ScenarioError

@@ -194,7 +194,7 @@ OURS = {
     "who", "whom",
     # of exceptions and messages
     "strerror", "encoding", "start", "src", "_ticking", "__name__", "stem", "line_num", "verb", "_beams", "lost",
-    "missing",
+    "missing", "model", "fading",
 }  # fmt: skip
 """Names of variables and attributes that a refusal may repeat as they are: they have a bounded length by themselves."""
 

@@ -12,11 +12,12 @@ from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
 __all__ = ["clearance", "connected_parts", "from_rectangles", "reachable", "resampled"]
 
-Rectangle = tuple[float, float, float, float]
+_Corners = tuple[float, float, float, float]
+"""x0, y0, x1, y1 in metres."""
 
 
 def from_rectangles(
-    size_m: tuple[float, float], free: Sequence[Rectangle], walls: Sequence[Rectangle], resolution_m: float
+    size_m: tuple[float, float], free: Sequence[_Corners], walls: Sequence[_Corners], resolution_m: float
 ) -> tuple[NDArray[np.bool_], GridGeometry]:
     """Carve `free` out of solid wall, then put `walls` back; a cell belongs to a rectangle that holds its center.
 
