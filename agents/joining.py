@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from agents.body import Body, Place
+from agents.body import Body
 from agents.config import Sorties
 from agents.planner import Reach
 from agents.predicted_links import PredictedLinks
-from world.terms import NOBODY, tick_of
+from world.terms import NOBODY, Place, tick_of
 
 _LOOK_TICKS: Final = 10
 """Time between two choices of a neighbor."""

@@ -22,13 +22,13 @@ from typing import Any, ClassVar
 import numpy as np
 from mypy_extensions import mypyc_attr
 
-from agents.body import Body, Place
+from agents.body import Body
 from agents.explorer import score
 from agents.joining import Joining, JoinLinks
 from agents.outing import Outing
 from agents.scout import Scout
 from agents.vds import Velocity
-from world.terms import NOBODY, Cls, Mode, tick_of
+from world.terms import NOBODY, Cls, Mode, Place, tick_of
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
