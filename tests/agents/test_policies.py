@@ -9,6 +9,7 @@ import pytest
 
 from agents.policies import PolicyError, policy_class
 from agents.scout import Scout
+from agents.sortie import Sortie
 from agents.vds import Vds
 from deploy.scenario import ScenarioError, load
 from deploy.simulation import Simulation
@@ -19,13 +20,14 @@ QUICK = {"robots": 4, "duration_s": 20.0}
 def test_names_lead_to_classes() -> None:
     assert policy_class("vds") is Vds
     assert policy_class("scout") is Scout
+    assert policy_class("sortie") is Sortie
     assert issubclass(policy_class("docs.examples.nearest_frontier:NearestFrontier"), Vds)
 
 
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vdss", "vds, scout, or module:Class"),
+        ("vdss", "vds, scout, sortie, or module:Class"),
         ("no_such_module:Class", "cannot import no_such_module"),
         ("agents.vds:Nothing", "no class Nothing"),
         ("agents.explorer:Explorer", "derived from agents.vds.Vds"),
