@@ -64,7 +64,7 @@ class Router:
                 continue
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
-            neighbor.acks = update.acks
+            neighbor.acks, neighbor.acks_version = update.acks, update.acks_version
             neighbor.ms_freshness = ms_freshness
 
     def announce_self(

@@ -54,30 +54,34 @@ class Update:
     """A sequence of agents.forwarding_table.ROW; `ForwardingTable.merge` checks it."""
     acks: bytes
     """A sequence of ACK that belongs to the MS's entry."""
+    acks_version: int
+    """Number of the map changes that the MS had made with these reports: the map contains them from then on."""
 
-    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes) -> None:
+    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes, acks_version: int = 0) -> None:
         self.nms = nms
         self.hold = hold
         self.map_version = map_version
         self.rows = rows
         self.acks = acks
+        self.acks_version = acks_version
 
     def encode(self) -> bytes:
-        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
+        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks, self.acks_version))
 
     @staticmethod
     def decode(data: bytes) -> Update:
-        _, nms, hold, version, rows, acks = unpack(data, 6)
+        _, nms, hold, version, rows, acks, acks_version = unpack(data, 7)
         if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
             raise WireError("table and acknowledgements are raw columns")
         return Update(
-            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks
-        )
+            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks,
+            integer(acks_version, 0, MAX_TICK),
+        )  # fmt: skip
 
 
 @dataclass(slots=True, init=False)
 class ScanReport:
-    """What one lidar scan changed in its robot's map. It travels hop by hop to the MS."""
+    """What one lidar scan is evidence for (agents/evidence.py). It travels hop by hop to the MS."""
 
     origin: int
     incarnation: int
@@ -85,6 +89,7 @@ class ScanReport:
     """Counts from 1 within the incarnation."""
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
+    """FREE for a cell that was missed, OCCUPIED for one that was hit."""
     victims: tuple[tuple[int, float, float], ...]
 
     def __init__(
@@ -118,7 +123,7 @@ class ScanReport:
         indices = column(cells, _U4)
         return ScanReport(
             integer(origin, 0, MAX_NODE), integer(incarnation, 0, MAX_NODE), integer(number, 1, MAX_TICK),
-            indices, _cell_values(values, len(indices)), sightings(victims),
+            indices, _votes(values, len(indices)), sightings(victims),
         )  # fmt: skip
 
 
@@ -135,11 +140,11 @@ def one_hop_on(report: bytes) -> bytes | None:
     return pack((SCAN_REPORT, hops_left - 1, body)) if hops_left else None
 
 
-def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
+def _votes(raw: object, length: int) -> NDArray[np.int8]:
     values = column(raw, _I1, length)
     assert isinstance(raw, bytes), "or else it is no column"
     if raw.translate(None, b"\0\1"):
-        raise WireError("a cell is neither free nor occupied")
+        raise WireError("a cell is neither missed nor hit")
     return values
 
 
@@ -149,22 +154,23 @@ class MapChunk:
 
     first: int
     cells: NDArray[np.uint32]
-    values: NDArray[np.int8]
+    odds: NDArray[np.int8]
+    """What a cell's odds are since that change (agents/evidence.py): states, nothing to add."""
 
-    def __init__(self, first: int, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+    def __init__(self, first: int, cells: NDArray[np.uint32], odds: NDArray[np.int8]) -> None:
         self.first = first
         self.cells = cells
-        self.values = values
+        self.odds = odds
 
     def encode(self) -> bytes:
         cells = self.cells.astype(_U4, copy=False).tobytes()
-        return pack((MAP_CHUNK, self.first, cells, self.values.astype(_I1, copy=False).tobytes()))
+        return pack((MAP_CHUNK, self.first, cells, self.odds.astype(_I1, copy=False).tobytes()))
 
     @staticmethod
     def decode(data: bytes) -> MapChunk:
-        _, first, cells, values = unpack(data, 4)
+        _, first, cells, odds = unpack(data, 4)
         indices = column(cells, _U4)
-        return MapChunk(integer(first, 0, MAX_TICK), indices, _cell_values(values, len(indices)))
+        return MapChunk(integer(first, 0, MAX_TICK), indices, column(odds, _I1, len(indices)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,8 @@ class MsRoute:
         self._frozen_until = -1
         self.acks = b""
         """Acknowledgements of the MS, from the last update of the NMS."""
+        self.acks_version = 0
+        """The version of the MS's map that contains these reports."""
 
     @property
     def nms(self) -> int:
@@ -66,7 +68,8 @@ class MsRoute:
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
         if self.nms != NOBODY:
-            self.acks = self._neighbors.by_id[self.nms].acks
+            nms = self._neighbors.by_id[self.nms]
+            self.acks, self.acks_version = nms.acks, nms.acks_version
 
     def weak(self, tick: int) -> bool:
         """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""

@@ -56,6 +56,11 @@ class Reach:
         return _search.path(self._lengths_m, g.rows, g.cols, g.resolution_m, cell)
 
 
+def reach_over(states: NDArray[np.int8], geometry: GridGeometry, source: int) -> Reach:
+    """Shortest paths over the free cells of a map, from one of them."""
+    return Reach(geometry, _search.lengths(states, geometry.cols, geometry.resolution_m, source, math.inf, -1))
+
+
 class Planner:
     """Searches one map."""
 

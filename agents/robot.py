@@ -9,8 +9,10 @@ import numpy as np
 
 from agents.body import Action, Body
 from agents.config import RobotConfig
+from agents.evidence import SensorModel
 from agents.map_downlink import MapCopy
 from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
+from agents.own_reports import OwnReports
 from agents.payloads import sort_payloads
 from agents.scan_uplink import ScanUplink
 from agents.vds import Vds
@@ -47,7 +49,8 @@ class Robot:
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting)
-        self.downlink = MapCopy(reporting.chunk_cells, config.geometry.blank(config.safety_zone_m))
+        self.downlink = MapCopy(reporting.chunk_cells, SensorModel(config))
+        self._own_reports = OwnReports()
         self._handlers: dict[int, Callable[[bytes], None]] = {
             SCAN_REPORT: self.uplink.carry,
             MAP_CHUNK: self._take_map,
@@ -77,6 +80,10 @@ class Robot:
             self.uplink.acknowledge(body.router.ms.acks)
         except WireError:
             self.bad_frames += 1
+        for report in self._own_reports.contained(
+            self.uplink.acknowledged, body.router.ms.acks_version, self.downlink.version
+        ):
+            body.map.forget(*report)
         if sense.ranges_m is not None:
             self._scan(sense)
         mark("mapping")
@@ -88,31 +95,32 @@ class Robot:
     def _take_map(self, payload: bytes) -> None:
         chunk = MapChunk.decode(payload)
         self.body.router.limits.check_chunk(chunk)
-        cells, values = self.downlink.receive(chunk)
+        cells, odds = self.downlink.receive(chunk)
         if cells.size:
-            self.body.map.apply(cells, values)
+            self.body.map.apply(cells, odds)
 
     def _scan(self, sense: Sense) -> None:
-        """Integrate a scan, and report what it changed."""
+        """Integrate a scan, and report what it is evidence for."""
         if not self._store_and_forward and self.body.router.ms.nms == NOBODY:
             # A point counts only if the robot has a path to the MS meanwhile [paper 7.2]. The map leaves the scan out
             # too, so that its cells are new again later.
             self.uplink.discarded += 1
             return
         assert sense.ranges_m is not None
-        cells, values = self.body.map.integrate(sense.x_m, sense.y_m, sense.ranges_m)
-        self.policy.explorer.discovered(int(np.count_nonzero(values == 0)))
+        counted, values, discovered = self.body.map.integrate(sense.x_m, sense.y_m, sense.ranges_m)
+        cells = counted.astype(np.uint32)
+        self.policy.explorer.discovered(discovered)
         victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
         self._victims_seen.update(v[0] for v in victims)
         if cells.size or victims:
-            self.uplink.make(cells.astype(np.uint32), values, victims)
+            self._own_reports.add(self.uplink.make(cells, values, victims), cells, values)
 
     def _frames(self, tick: int, action: Action) -> tuple[Frame, ...]:
         router = self.body.router
         if tick < router.quiet_until:
             return ()
         ms = router.ms
-        update = Update(ms.nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
+        update = Update(ms.nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks, ms.acks_version)
         frames: list[Frame] = [(BROADCAST, update.encode())]
         if ms.nms != NOBODY:
             frames += [(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]

@@ -28,6 +28,8 @@ class ScanUplink:
         self.discarded = 0
         self._sent = 0
         """The highest number that was ever sent."""
+        self.acknowledged = 0
+        """The MS has all reports up to this number."""
 
     @property
     def buffered(self) -> int:
@@ -36,11 +38,12 @@ class ScanUplink:
 
     def make(
         self, cells: NDArray[np.uint32], values: NDArray[np.int8], victims: tuple[tuple[int, float, float], ...]
-    ) -> None:
-        """Make the next report of what a scan changed, and keep it."""
+    ) -> int:
+        """Make the next report of a scan, and keep it; returns its number."""
         self.made += 1
         report = ScanReport(self._node, self._incarnation, self.made, cells, values, victims)
         self._unacknowledged[self.made] = report.encode()
+        return self.made
 
     def carry(self, report: bytes) -> None:
         """Take a report of another robot, to pass it on. Without a route it is dropped, and its origin sends it again.
@@ -67,6 +70,7 @@ class ScanUplink:
             _, _, upto = ACK.unpack_from(acks, at)
             if upto > self._sent:
                 raise WireError("a report is acknowledged that was never sent")
+            self.acknowledged = max(self.acknowledged, upto)
             for number in [n for n in self._unacknowledged if n <= upto]:
                 del self._unacknowledged[number]
                 self._sent_tick.pop(number, None)

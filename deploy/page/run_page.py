@@ -58,6 +58,7 @@ def status(run: Run) -> str:
     words = {
         "searched": ("good", "all cells searched"),
         "time_limit": ("soft", "time limit reached"),
+        "exhausted": ("soft", "no frontier left"),
         "interrupted": ("soft", "interrupted"),
         "failed": ("bad", "failed"),
     }

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
+from monitor_station.config import FINISHED
 from world.connectivity import Connectivity
 from world.feed import Snapshot
 from world.terms import UNREACHABLE, Cls, seconds_of
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
 
-__all__ = ["Finals", "Progress", "compare", "shortfall", "summary_of"]
+__all__ = ["Finals", "Progress", "compare", "remainder", "shortfall", "summary_of"]
 
 Finals = Mapping[str, Mapping[str, Any]]
 """Last counts by process: `world`, `medium`, `station`; and `phases`."""
@@ -86,6 +87,9 @@ def summary_of(
         "trace_sha256": medium.get("trace_sha256"),
         "search_rate": station.get("search_rate", progress.search_rate),
         "search_time_s": station.get("search_time_s", progress.search_time_s),
+        "known_free": station.get("known_free"),
+        "map_errors": station.get("map_errors"),
+        "left": station.get("left"),
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
         "scan_reports": _scan_reports(world, station, latest),
@@ -112,10 +116,25 @@ def summary_of(
 
 
 def shortfall(summary: Mapping[str, Any]) -> str | None:
-    """One line on a run that the world ended before it was searched, out of time or interrupted; else None."""
-    if summary["status"] not in ("failed", "no_robots"):
+    """One line on a run that the world ended before the search was finished; None if time was up, or by hand."""
+    finished = (summary.get("known_free") or {}).get("share", 0.0) >= FINISHED
+    if summary["status"] not in ("failed", "no_robots") and not (summary["status"] == "exhausted" and not finished):
         return None
-    return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
+    words = f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
+    return f"{words}; {remainder(summary)}" if summary["status"] == "exhausted" else words
+
+
+def remainder(summary: Mapping[str, Any]) -> str:
+    """What of the search cells is not known to be free, and why; empty if nothing is left or nobody knows."""
+    share, left = summary.get("known_free"), summary.get("left")
+    if share is None or left is None or not left["unknown"] + left["called_wall"]:
+        return ""
+    frontiers = left["frontiers"]
+    way = f"a path leads to {frontiers} cells beside unknown ones" if frontiers else "no path leads to what is unknown"
+    return (
+        f"{share['share']:.2%} of what can be searched is known to be free; the map shows {left['called_wall']} of the "
+        f"other cells as wall and {left['unknown']} as unknown, and {way}"
+    )
 
 
 def compare(summary: dict[str, Any], baseline: Baseline) -> None:

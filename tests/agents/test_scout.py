@@ -33,7 +33,9 @@ class Stage:
         self.body = Body(config, random.Random(1), 0)
         grid = np.full((config.geometry.rows, config.geometry.cols), FREE, np.int8)
         grid[10:12, :40] = OCCUPIED
-        self.body.map.apply(np.arange(grid.size, dtype=np.uint32), grid.ravel())
+        self.body.map.apply(
+            np.arange(grid.size, dtype=np.uint32), np.where(grid.ravel() == FREE, -1, 1).astype(np.int8)
+        )
         self.scout = Scout(self.body)
         self.body.tick = 1
 
