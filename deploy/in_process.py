@@ -51,7 +51,9 @@ def run_in_process(
     if interrupts is not None:
         interrupts.pass_to(simulation.world.interrupt)
     try:
-        result = simulation.run()
+        # Snapshots are not kept: a run of days has a million of them.
+        while not simulation.step()[1]:
+            pass
     finally:
         view.close()
         if recorder is not None:
@@ -60,6 +62,6 @@ def run_in_process(
     if simulation.station is not None:
         with folder.unwritten.noting("map.yaml"):
             save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
-    summary = folder.finish(result.finals, time.monotonic() - begun)
+    summary = folder.finish(simulation.finals(), time.monotonic() - begun)
     words = shortfall(summary)
     return summary, (*(() if words is None else (words,)), *folder.unwritten.lines)

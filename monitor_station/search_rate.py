@@ -57,13 +57,10 @@ class SearchRate:
         rates = list(self.rates)
         for layer in self._layers:
             for which, step in ((turned[gained], 1), (turned[~gained], -1)):
-                if not which.size:
-                    continue
-                touched, counts = np.unique(layer[which], return_counts=True)
-                for k, count in zip(touched.tolist(), counts.tolist(), strict=True):
-                    if k >= 0:
-                        self._found[k] += step * count
-                        rates[k] = self._found[k] / self._sizes[k]
+                counts = np.bincount(layer[which] + 1)
+                for k in np.flatnonzero(counts[1:]).tolist():
+                    self._found[k] += step * int(counts[k + 1])
+                    rates[k] = self._found[k] / self._sizes[k]
         self.rates = tuple(rates)
         inside = self._inside[turned]
         self._all_found += int(np.count_nonzero(inside & gained)) - int(np.count_nonzero(inside & ~gained))
