@@ -34,7 +34,7 @@ _ALL: Final = 1 << 15
 """Worth of a hit by an exact sensor, in misses: more than any robot reports of a cell."""
 _ROUNDING_M: Final = 1e-9
 """How far behind the end of a beam the wall's cell is looked up by exact sensors."""
-_SETTLED: Final = 4
+_SETTLED: Final = 6
 """Odds at which a cell is settled, if the sensors are noisy."""
 SCANS_OF_A_PLACE: Final = 2
 """So many scans of a robot that stands still count, if the sensors are noisy."""
@@ -49,7 +49,7 @@ class SensorModel:
         self.exact = noise_m == 0.0
         self.worth = _ALL if self.exact else 1
         """Of a hit."""
-        self.miss = 2 if 0.0 < noise_m <= 0.5 * config.geometry.resolution_m else 1
+        self.miss = 3 if 0.0 < noise_m <= 0.5 * config.geometry.resolution_m else 1
         """Worth of a miss."""
         self.settled = 1 if self.exact else _SETTLED
         """Most odds, each way."""
