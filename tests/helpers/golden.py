@@ -26,9 +26,9 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     ),
 }  # fmt: skip
 DIGESTS: Final = {
-    "vds": "cf3d88415520caf5a3c1038c6f9d88e5ebd539c89b67326f9088eeaa8cea3c08",
-    "scout behind walls": "9f9cb5ed742d7e168fea5e947443982946ac4a7a6ab289a95b017ca4f7e24b54",
-    "noise and losses": "ea2cc2ccb24d72ecd9ab62a10dca91b29fb1c8878deb27a2e9f885623e5d97c6",
+    "vds": "e5aeef77b8f8fe4be0b6aa20dd50aa26c87c7f6ca24eaa364ab9dc2cdc289e9f",
+    "scout behind walls": "37af168714656b4b65078548d2c5c5eb5c7752af9baf756f3b00cb8ba6f3e022",
+    "noise and losses": "8e1280805c164ba130f009f30996c46766d7640ae3855504772ffe3960129ad9",
 }
 
 
