@@ -92,7 +92,8 @@ def met(
             row = floor((y_m + reach * sines[k] - y0_m) / resolution_m)
             if 0 <= row < rows and 0 <= col < cols:
                 ends[found] = <int64_t>row * cols + <int64_t>col
-                found += 1
+                # Beams side by side mostly end in the same cell.
+                found += found == 0 or ends[found] != ends[found - 1]
     return out[:found]
 
 def unreached(
