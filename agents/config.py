@@ -255,6 +255,10 @@ class RobotConfig:
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
     robots: int = MAX_NODE
     """N: robots are 1..N, and whoever is named beyond does not exist."""
+    lidar_noise_m: float = 0.0
+    """Standard deviation of a range, as the lidar's maker states it."""
+    pose_noise_m: float = 0.0
+    """Standard deviation of each coordinate of the own pose."""
     power_smoothing_s: float = 0.0
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0

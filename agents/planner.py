@@ -137,6 +137,14 @@ class Reach:
         self._blocks = None
 
 
+def reach_over(states: NDArray[np.int8], geometry: GridGeometry, source: int) -> Reach:
+    """Shortest paths over the free cells of a map, from one of them."""
+    window = Window(geometry, (0, geometry.rows), (0, geometry.cols))
+    reach = Reach(source, window)
+    reach.search(states, np.array([window.index(source)], np.int64))
+    return reach
+
+
 class Planner:
     """Searches one map."""
 

@@ -295,12 +295,16 @@ def _run_processes(
 
 
 def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
+    from deploy.run_folder.summary import remainder
+
     def show(words: str) -> None:
         console.print(words, markup=False, highlight=False, soft_wrap=True)
 
     rates = ", ".join(f"{name} {rate:.0%}" for name, rate in (summary["search_rate"] or {}).items())
     show(f"{summary['status']} after {summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s "
          f"(real-time factor {summary['real_time_factor']}); searched: {rates}")  # fmt: skip
+    if words := remainder(summary):
+        show(f"left: {words}")
     show(f"summary: {out / 'summary.json'} (as a page: deploy/report.py {out})")
     if parts := sorted(out.glob("recording*.rrd")):
         show(f"recording: rerun {parts[0] if len(parts) == 1 else out / 'recording*.rrd'}")

@@ -279,6 +279,8 @@ class World:
     def _judge(self, report: Report | None, *, moved: bool) -> Stop | None:
         if report is not None and report.searched:
             self._status = "searched"
+        elif report is not None and report.exhausted:
+            self._status, self._why = "exhausted", "the map has no frontier to which a path leads"
         elif self._interrupted:
             self._status = "interrupted"
         elif self.tick + 1 >= tick_of(self._config.duration_s):

@@ -115,6 +115,8 @@ class Scenario:
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
             robots=tables.robots,
+            lidar_noise_m=tables.lidar.noise_m,
+            pose_noise_m=tables.pose_noise_m,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
             bandwidth_limited=radio.limited,
@@ -123,7 +125,7 @@ class Scenario:
         )
 
     def station_config(self) -> StationConfig:
-        return StationConfig(self.robot_config(STATION), self.arena.search_cells)
+        return StationConfig(self.robot_config(STATION), self.arena.search_cells, self.arena.occupied)
 
     def recorder_config(self, run: str) -> RecorderConfig:
         tables, arena = self.tables, self.arena

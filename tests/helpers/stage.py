@@ -34,7 +34,8 @@ class Stage:
         self.body = Body(config, random.Random(1), 0)
         grid = np.full((config.geometry.rows, config.geometry.cols), FREE, np.int8)
         grid[10:12, :40] = OCCUPIED
-        self.body.map.apply(np.arange(grid.size, dtype=np.uint32), grid.ravel())
+        odds = np.where(grid.ravel() == FREE, -1, 1).astype(np.int8)
+        self.body.map.apply(np.arange(grid.size, dtype=np.uint32), odds)
         made = policy_class(policy)(self.body)
         assert isinstance(made, Scout)
         self.scout = made
