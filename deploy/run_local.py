@@ -42,7 +42,7 @@ def parser() -> Parser:
     p.add_argument("--seed", type=a_whole_number, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
     p.add_argument("--duration", type=a_number, metavar="S", help="simulated seconds after which the run ends")
-    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds, scout, sortie, or module:Class (README)")
+    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds, scout, sortie, or module:Class")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
     p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
     p.add_argument(

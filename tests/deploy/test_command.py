@@ -28,7 +28,7 @@ RUN = [sys.executable, str(ROOT / "deploy" / "run_local.py")]
         (["--in-process", "--live"], "--live is for real processes"),
         (["--in-process", "--plain-scheduling"], "--plain-scheduling is for real processes"),
         (["--live", "--no-recording"], "--live watches the station record"),
-        (["--policy", ":"], "policy = ':': should be one of vds, scout, or module:Class"),
+        (["--policy", ":"], "policy = ':': should be one of vds, scout, sortie, or module:Class"),
         (["--port=\u0661"], "argument --port: '\u0661' is not a whole number"),
         (["--robots", "1_0"], "argument --robots: '1_0' is not a whole number"),
         (["--seed", "9" * 5000], "argument --seed"),
