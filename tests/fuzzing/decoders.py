@@ -172,7 +172,7 @@ def _merge(rows: bytes) -> object:
 
 def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     config = scenario().robot_config(1)
-    payload = Update(-1, -1, 0, b"", acks, ahead).encode()
+    payload = Update(-1, -1, 0, b"", acks, 0, ahead).encode()
     Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):

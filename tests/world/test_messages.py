@@ -75,7 +75,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
     ),
     st.builds(
         Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(),
-        st.just(ACK.pack(1, 0, 1)), st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
+        st.just(ACK.pack(1, 0, 1)), count, st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
     ),
     st.builds(
         ScanReport, node, node, st.integers(1, 99),
