@@ -10,6 +10,7 @@ import sys
 
 from agents.scout import Scout
 from agents.vds import Vds
+from bus.culprit import culprit
 
 _NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout}
 
@@ -33,8 +34,11 @@ def policy_class(name: str) -> type[Vds]:
         sys.path.append("")  # a user's policy mostly lies in the folder where the run is started
     try:
         found = getattr(importlib.import_module(module), attribute, None)
-    except ImportError as error:
-        raise PolicyError(f"cannot import {module}: {error}") from None
+    except Exception as error:  # whatever the module does when it is imported
+        kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
+        words = error.msg if isinstance(error, SyntaxError) else error
+        where = culprit(error)
+        raise PolicyError(f"cannot import {module}: {kind}{words}{f' ({where})' if where else ''}") from None
     if not (isinstance(found, type) and issubclass(found, Vds)):
         raise PolicyError(f"{module} has no class {attribute} derived from agents.vds.Vds")
     return found

@@ -10,15 +10,16 @@ import functools
 import hashlib
 import json
 import os
+import sys
 import tempfile
 import time
 import tomllib
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from deploy.run_folder.failures import Crash
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import Scenario, load
 from deploy.simulation import Observer, Simulation
@@ -29,6 +30,9 @@ Engine = Literal["in-process", "processes"]
 
 ERROR: Final = "error"
 """Status of a run that ended by an exception; column `error` has its text."""
+
+_TOLD: Final[set[str]] = set()
+"""Kinds of exceptions whose traceback this worker has printed."""
 
 _LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
 """Keys of a scenario that are no columns: the floor plan, and what can't change a result."""
@@ -51,8 +55,14 @@ def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: 
         with tempfile.TemporaryDirectory(prefix="vds-study-") as temporary:
             return _run(key, variant, toml, engine, series_step_s, Path(temporary))
     except Exception as error:  # one bad run must not end a study of hundreds
-        traceback.print_exc()
-        row = failed_row(key, variant, toml, engine, f"{type(error).__name__}: {error}")
+        crash = Crash.of(error)
+        if crash.kind not in _TOLD:
+            _TOLD.add(crash.kind)
+            print(
+                f"{crash.traceback}\n(in run {key}; later ones of this worker in the same way are not told)",
+                file=sys.stderr,
+            )
+        row = failed_row(key, variant, toml, engine, crash.headline)
         return Finished({**row, "wall_s": round(time.monotonic() - begun, 3)}, {})
 
 
