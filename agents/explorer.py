@@ -24,8 +24,8 @@ from world.terms import TICK_S
 
 Place = tuple[float, float]
 
-_NEAR_M: Final = 12.0
-"""`select` first searches only this far: no frontier beyond can beat one that scores more than utility - 12 m."""
+_LIMITS_M: Final = 12.0, 48.0, math.inf
+"""`select` searches only so far at first: no frontier beyond a limit can beat one that scores utility - limit."""
 
 
 def score(
@@ -95,7 +95,7 @@ class Explorer:
         places = self._map.geometry.centers(cells)
         allowed = self._allowed(tick, places)
         source = self._planner.nearest_free(self._map.geometry.index(*at))
-        for limit_m in (_NEAR_M, math.inf):
+        for limit_m in _LIMITS_M:
             reach = self._planner.reach(source, limit_m)
             lengths = reach.lengths_m(cells)
             reached = np.flatnonzero(lengths < math.inf)

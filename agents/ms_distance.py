@@ -22,7 +22,8 @@ class MsDistance:
         self._map = own_map
         self._planner = planner
         self._station_m = station_m
-        self._version = -1
+        self._seen = 0
+        """Mark of the map's changes that the search knows (`OwnMap.changes`)."""
         self._made_tick = -_RENEW_TICKS
         self._reach: Reach | None = None
 
@@ -40,9 +41,13 @@ class MsDistance:
         return lengths
 
     def _renewed(self, tick: int) -> Reach:
-        stale = self._version != self._map.version and tick - self._made_tick >= _RENEW_TICKS
-        if self._reach is None or stale:
-            g = self._map.geometry
-            self._reach = self._planner.reach(self._planner.nearest_free(g.index(*self._station_m)))
-            self._version, self._made_tick = self._map.version, tick
+        if self._reach is None or tick - self._made_tick >= _RENEW_TICKS:
+            changed, seen = self._map.changes(self._seen)
+            if self._reach is None or seen != self._seen:
+                source = self._planner.nearest_free(self._map.geometry.index(*self._station_m))
+                kept = self._reach
+                if kept is None or kept.source != source or not kept.follow(self._map.cells, changed):
+                    self._reach = self._planner.reach(source)
+                self._seen, self._made_tick = seen, tick
+        assert self._reach is not None
         return self._reach

@@ -15,7 +15,7 @@ from bus.excerpt import shown
 from deploy.scenario.tables import FloorPlan, Point, Rectangle, ScenarioError, Tables
 from monitor_station.config import SearchCell
 from world.grid import GridGeometry
-from world.grid.floor_plan import clearance, connected_parts, from_rectangles
+from world.grid.floor_plan import clearance, connected_parts, from_rectangles, resampled
 from world.grid.lines import line_of_sight, pad
 from world.grid.map_file import digest_of_map, load_map
 from world.seeds import Stream, sequence
@@ -27,6 +27,8 @@ START_MAX_M: Final = 3.0
 SAFETY_M: Final = 3.0
 CLEAR_M: Final = 1.0
 """Distance from the walls to a station without a given position, where there is so much room."""
+RESOLUTION_M: Final = 0.5
+"""Of a floor plan of rectangles that says nothing of it."""
 MOST_RANGE_CELLS: Final = 1000
 """World and robots keep data on all cells within the range of a lidar."""
 
@@ -88,10 +90,11 @@ def _floor_plan(plan: FloorPlan) -> tuple[NDArray[np.bool_], GridGeometry]:
             path = Path(plan.map)
             if plan.map_sha256 is not None and digest_of_map(path) != plan.map_sha256:
                 raise ScenarioError(f"floor_plan.map: {path} is not the map of this scenario any more (map_sha256)")
-            return load_map(path)
+            native = load_map(path)
+            return native if plan.resolution_m is None else resampled(*native, plan.resolution_m)
         if plan.size_m is None or not plan.free:
             raise ScenarioError("floor_plan needs either map, or size_m and free rectangles")
-        return from_rectangles(plan.size_m, plan.free, plan.walls, plan.resolution_m)
+        return from_rectangles(plan.size_m, plan.free, plan.walls, plan.resolution_m or RESOLUTION_M)
     except ScenarioError:
         raise
     except ValueError as error:

@@ -57,9 +57,10 @@ class FloorPlan:
     """x0, y0, x1, y1 of what is carved out of the wall."""
     walls: tuple[Rectangle, ...] = ()
     """x0, y0, x1, y1 of what is put back afterwards."""
-    resolution_m: Positive = 0.5
+    resolution_m: Positive | None = None
+    """Side of a grid cell; None: 0.5, or that of the map. A map is resampled: a cell with any wall pixel is wall."""
     map: str | None = None
-    """A map's YAML file, relative to the scenario's folder; instead of all the above."""
+    """A map's YAML file, relative to the scenario's folder; instead of size and rectangles."""
     map_sha256: str | None = None
     """Refuse the map if its YAML and image have another digest (written when a run stores its scenario)."""
 

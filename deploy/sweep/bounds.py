@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 
 from agents.own_map import OwnMap
-from agents.planner import Planner
+from agents.planner import Planner, Reach
 from deploy.scenario import Scenario
 from deploy.scenario.arena import Arena
 from world.grid.lines import walls_crossed
 from world.terms import STATION
 
-__all__ = ["Bounds", "bounds_of"]
+__all__ = ["Bounds", "bounds_of", "reach_from_station"]
 
 _SWEEP_S: Final = (0.0, 40.0)
 """Search time beyond the straight walk until the last corner is seen: none if enough robots share the rooms; an
@@ -71,14 +71,20 @@ def _farthest_m(scenario: Scenario) -> float:
     A robot that knew all of the floor plan would walk them, so the robots' own planner finds them.
     """
     arena = scenario.arena
-    known = OwnMap(scenario.robot_config(STATION))
-    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), arena.occupied.ravel().astype(np.int8))
-    reach = Planner(known).reach(arena.geometry.index(*arena.station_m))
+    reach = reach_from_station(scenario)
     cells = np.concatenate([cell.cells for cell in arena.search_cells])
     cells = cells[np.isfinite(reach.lengths_m(cells))]
     # Lengths over the grid are up to 8 % too long, depending on direction, so several far cells are tried.
     far = cells[np.argsort(reach.lengths_m(cells))[-400:]]
     return max(_taut_m(arena, reach.path(cell)) for cell in far.tolist())
+
+
+def reach_from_station(scenario: Scenario) -> Reach:
+    """Shortest paths from the MS over the true floor plan."""
+    arena = scenario.arena
+    known = OwnMap(scenario.robot_config(STATION))
+    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), arena.occupied.ravel().astype(np.int8))
+    return Planner(known).reach(arena.geometry.index(*arena.station_m))
 
 
 def _taut_m(arena: Arena, path: list[int]) -> float:

@@ -138,6 +138,18 @@ def test_a_ros_map_alone_is_a_scenario(tmp_path: Path) -> None:
     assert np.array_equal(load(stored).arena.occupied, arena.occupied)
 
 
+def test_a_map_is_resampled_to_the_resolution_that_a_scenario_names(tmp_path: Path) -> None:
+    path = room_map(tmp_path)
+    native, coarse = load(path), load(path, {"floor_plan.resolution_m": 1.0})
+    assert native.arena.geometry.resolution_m == 0.5
+    assert coarse.arena.geometry.resolution_m == 1.0
+    assert coarse.arena.occupied.shape == (10, 12)
+    stored = tmp_path / "scenario.toml"
+    for scenario in (native, coarse):
+        stored.write_text(scenario.to_toml())
+        assert np.array_equal(load(stored).arena.occupied, scenario.arena.occupied)
+
+
 def test_a_stored_scenario_refuses_a_changed_map(tmp_path: Path) -> None:
     path = room_map(tmp_path)
     stored = tmp_path / "scenario.toml"

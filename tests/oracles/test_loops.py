@@ -8,6 +8,7 @@ import random
 import subprocess
 import sys
 from array import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -229,3 +230,25 @@ def test_every_file_of_loops_is_checked_when_it_is_imported() -> None:
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     said = subprocess.run([sys.executable, "-c", words, *LOOPS], env=env, capture_output=True, text=True, check=True)
     assert tuple(said.stdout.split()) == LOOPS
+
+
+@property_test
+@given(st.integers(0, 1 << 30), st.sampled_from([0.0, 0.1]), st.sampled_from([0.0, 0.02]))
+def test_a_search_that_follows_the_map_is_as_one_made_anew(seed: int, walls: float, closed: float) -> None:
+    """On a map larger than the part that searches look at, and with cells that are free no more."""
+    rng = np.random.default_rng(seed)
+    own = OwnMap(replace(robot_config(), geometry=GridGeometry(90, 150)))
+    planner = Planner(own)
+    reach, (_, seen) = planner.reach(planner.nearest_free(0)), own.changes(0)
+    for part in np.array_split(rng.permutation(own.cells.size)[: own.cells.size * 9 // 10], 4):
+        own.apply(part.astype(np.uint32), (rng.random(len(part)) < walls).astype(np.int8))
+        shut = np.flatnonzero(rng.random(own.cells.size) < closed)
+        own.apply(shut.astype(np.uint32), np.full(len(shut), OCCUPIED, np.int8))
+        changed, seen = own.changes(seen)
+        source = planner.nearest_free(0)
+        if source != reach.source or not reach.follow(own.cells, changed):
+            reach = planner.reach(source)
+        expected = oracle_planner.lengths_m(own, source)
+        np.testing.assert_array_equal(reach.lengths_m(np.arange(own.cells.size)), expected)
+        x_m, y_m = rng.uniform(0.0, 75.0, 2).tolist()
+        assert reach.length_near_m(x_m, y_m) == oracle_planner.length_near_m(own, expected, x_m, y_m)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from world.grid.floor_plan import connected_parts, from_rectangles, reachable
+from world.grid.floor_plan import connected_parts, from_rectangles, reachable, resampled
 from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
 
@@ -91,3 +91,35 @@ def test_what_is_reachable_is_what_steps_over_sides_reach(occupied: NDArray[np.b
 def test_parts_are_numbered_and_walls_are_none() -> None:
     occupied = np.array([[0, 1, 0], [0, 1, 1], [1, 1, 0]], bool)
     assert connected_parts(occupied).tolist() == [[1, 0, 2], [1, 0, 0], [0, 0, 3]]
+
+
+@pytest.mark.parametrize("resolution_m", [0.1, 0.25, 0.3, 0.5, 0.7, 2.0])
+@given(arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_a_resampled_cell_is_wall_where_any_of_it_is(resolution_m: float, occupied: NDArray[np.bool_]) -> None:
+    """Held against the areas of rectangles: an old and a new cell that overlap by more than rounding."""
+    old = check_grid(*occupied.shape, 0.25, -3.0, 7.0)
+    walls, new = resampled(occupied, old, resolution_m)
+    assert (new.resolution_m, new.x0_m, new.y0_m) == (resolution_m, -3.0, 7.0)
+
+    def free(row: int, col: int) -> bool:
+        """Within the old grid, and over no wall of it."""
+        top, right = (row + 1) * resolution_m, (col + 1) * resolution_m
+        if top > old.rows * 0.25 + 1e-6 or right > old.cols * 0.25 + 1e-6:
+            return False
+        return not any(
+            min(top, (i + 1) * 0.25) - max(row * resolution_m, i * 0.25) > 1e-6
+            and min(right, (j + 1) * 0.25) - max(col * resolution_m, j * 0.25) > 1e-6
+            for i, j in np.argwhere(occupied).tolist()
+        )
+
+    assert walls.tolist() == [[not free(row, col) for col in range(new.cols)] for row in range(new.rows)]
+    assert new.rows * resolution_m + 1e-6 >= old.rows * 0.25 > (new.rows - 1) * resolution_m + 1e-6
+
+
+def test_a_grid_in_cells_that_no_run_can_have() -> None:
+    floor, geometry = np.zeros((3, 3), np.bool_), GridGeometry(3, 3, 1.0)
+    with pytest.raises(ValueError, match="cells; up to"):
+        resampled(floor, geometry, 1e-300)
+    with pytest.raises(ValueError, match="as far as 1e\\+18 m"):
+        resampled(floor, geometry, 1e18)
+    assert resampled(floor, geometry, 1e4)[0].tolist() == [[True]]

@@ -1,4 +1,4 @@
-"""Floor plans from free rectangles carved out of wall, and which parts of a floor are connected."""
+"""Floor plans carved out of wall or resampled, and which parts of a floor are connected."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
-__all__ = ["clearance", "connected_parts", "from_rectangles", "reachable"]
+__all__ = ["clearance", "connected_parts", "from_rectangles", "reachable", "resampled"]
 
 Rectangle = tuple[float, float, float, float]
 
@@ -39,6 +39,33 @@ def from_rectangles(
                 raise ValueError(f"{place}: outside size_m = {size_m[0]:g}, {size_m[1]:g}")
             occupied[geometry.rectangle(x0, y0, x1, y1)] = wall
     return occupied.reshape(rows, cols), geometry
+
+
+def resampled(
+    occupied: NDArray[np.bool_], geometry: GridGeometry, resolution_m: float
+) -> tuple[NDArray[np.bool_], GridGeometry]:
+    """The same floor in cells of another size: a cell that shares any area with a wall is wall.
+
+    What lies outside the grid is wall, so a last row or column that reaches beyond it is wall.
+
+    Returns:
+        (rows, cols) True = wall, and its geometry, with the lower-left corner where it was.
+
+    Raises:
+        ValueError: no run can have such a grid.
+    """
+    ratio = resolution_m / geometry.resolution_m
+    rows, cols = (max(1, math.ceil(round(min(count / ratio, MAX_CELLS + 1.0), 6))) for count in occupied.shape)
+    new = check_grid(rows, cols, resolution_m, geometry.x0_m, geometry.y0_m)
+    walls = occupied
+    for axis, count in enumerate((rows, cols)):
+        edges = (np.arange(count + 1) * ratio).round(6)
+        first, end = np.floor(edges[:-1]).astype(np.int64), np.ceil(edges[1:]).astype(np.int64)
+        outside = end > walls.shape[axis]
+        before = np.insert(np.cumsum(walls, axis, dtype=np.int32), 0, 0, axis)
+        counts = before.take(np.minimum(end, walls.shape[axis]), axis) - before.take(first, axis)
+        walls = (counts > 0) | np.expand_dims(outside, 1 - axis)
+    return walls, new
 
 
 def connected_parts(occupied: NDArray[np.bool_]) -> NDArray[np.int32]:
