@@ -84,17 +84,13 @@ class Medium:
             for k, (_, payload) in enumerate(frames):
                 left -= len(payload)
                 if left < 0:
-                    self.reject(len(frames) - k)
+                    self.rejected += len(frames) - k
                     frames = frames[:k]
                     break
         self.sent += len(frames)
         for _, payload in frames:
             self.sent_bytes += len(payload)
         return frames
-
-    def reject(self, frames: int) -> None:
-        """Count frames that do not go on the air."""
-        self.rejected += frames
 
     def _record(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> None:
         """Add the tick to the digest. A node that left during the tick counts as one that left before it."""
