@@ -276,10 +276,11 @@ class Launcher:
         if end is not None and end.crash is not None:
             self._failures.crashed(end.name, words, end.crash)
             return
-        if end is not None:
-            tail = self._supervisor.tail(end.name)
-            words += f"\n{indented(tail)}" if tail else " (its log is empty)"
-        self._failures.add(words)
+        self._failures.add(words if end is None else self._with_log(words, end.name))
+
+    def _with_log(self, words: str, name: str) -> str:
+        tail = self._supervisor.tail(name)
+        return f"{words}\n{indented(tail)}" if tail else f"{words} (its log is empty)"
 
     def _lose(self, words: str, end: Exit | None = None) -> None:
         """The run can't go on."""
@@ -295,7 +296,7 @@ class Launcher:
         elif not self._over:
             status = "failed"
             if not self._failures:
-                self._failures.add("the world ended without its last word")
+                self._failures.add(self._with_log("the world ended without its last word", "world"))
         summary = self._folder.finish(self._listener.finals, wall_s, status=status, failures=self._failures.lines)
         if (words := shortfall(summary)) is not None and not self._failures:
             self._failures.add(words)
