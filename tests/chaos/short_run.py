@@ -134,8 +134,16 @@ class ShortRun:
             self.process.wait(seconds)
 
     @property
+    def _pids(self) -> dict[str, int]:
+        """What pids.json tells; empty before it is there."""
+        try:
+            return read_object(self.out / "pids.json")
+        except ValueError:
+            return {}
+
+    @property
     def _told_pids(self) -> bool:
-        return (self.out / "pids.json").exists()
+        return bool(self._pids)
 
     @property
     def simulated_s(self) -> int:
@@ -146,14 +154,16 @@ class ShortRun:
             return -1
 
     def processes(self) -> dict[str, int]:
-        """Living processes by name, also those that pids.json does not tell of yet."""
-        found = {}
+        """Living processes: by title before pids.json tells of them, and by pids.json before they have a title."""
+        found, told = {}, {pid: name for name, pid in self._pids.items()}
         for server in _children(self.process.pid):
             for pid in _children(server):
                 with contextlib.suppress(OSError):
                     title = Path(f"/proc/{pid}/cmdline").read_bytes()
                     if title.startswith(b"vds "):
                         found[title.split()[1].decode()] = pid
+                    elif title and pid in told:  # without words it is dead, and not yet reaped
+                        found[told[pid]] = pid
         return found
 
     # Trouble
