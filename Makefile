@@ -1,19 +1,21 @@
-# Everything runs in .venv, which `make setup` makes once and again whenever the pins change.
+# Everything runs in .venv, which `make setup` makes once and again whenever the pins change. For another Python beside it:
+# make PYTHON=python3.13 VENV=build/venv-3.13 test
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos soak study clean
 
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py bus/built.py bus/built.pxi $(wildcard */_*.pyx */*/_*.pyx)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
+	@test -x $(BIN)/python || { echo "setup, 1 of 2: makes $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@echo "setup, 2 of 2: compiles the loops and installs what constraints.txt pins; takes a minute or two"
+	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
 	touch $@
 
 run: setup
@@ -63,6 +65,10 @@ acceptance: setup
 # Trouble for 200 short runs, then five long missions. ARGS='--runs 20 --seed 7 --only robots_die' are some of them.
 chaos: setup
 	$(BIN)/python -m tests.chaos $(ARGS)
+
+# A day of simulated time on real processes, with a fault every 30 s: memory by process. ARGS='--hours 0.2' for a short one.
+soak: setup
+	$(BIN)/python -m tests.soak $(ARGS)
 
 study: setup
 	$(BIN)/python deploy/study.py $(or $(ARGS),fig6 fig7 --quick)

@@ -2,19 +2,25 @@
 """Loops over the rows of a forwarding table (`agents.forwarding_table`) and over acknowledgements (`agents.messages`).
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
-`-march`; setup.py). Rows come from a peer: `rows_possible` checks every destination before `merge` takes it for an index.
+`-march`; setup.py). Rows come from a peer: `merge` checks all of them before it takes any destination for an index.
 """
 
 from cpython cimport array
 from cpython.bytearray cimport PyByteArray_AS_STRING
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
-from libc.stdint cimport int64_t, uint64_t
+from cpython.long cimport PyLong_AsLongAndOverflow
+from libc.math cimport rint
+from libc.stdint cimport int32_t, int64_t, uint64_t
 from libc.string cimport memcpy
 
 cdef enum:
     ROW = 28
     INHERENT = 18
     ACK = 8
+    STATION = 0
+
+cdef double FARTHEST = 2**31 - 1
+"""What lies farther away is said to be here."""
 
 
 def merge(
@@ -27,17 +33,22 @@ def merge(
     bytearray inherent,
     array.array before,
     int sticky,
+    int robots,
+    uint64_t tick,
     make_room,
 ):
     """Take over the fresher rows of the neighbor `sender`; the columns are those of the table of node `me`.
 
     Args:
         before: next hops before the first update of this tick.
-        sticky: a destination whose entry this leaves as it is.
+        sticky: a destination whose entry this leaves as it is; nobody adds the hop to this neighbor to it.
+        robots: the highest destination that there is.
+        tick: in which the rows are heard.
         make_room: called with a destination that the columns do not reach.
 
     Returns:
-        Freshness of the neighbor's own entry for `sticky`, or -1.
+        Freshness of the neighbor's own entry for `sticky`, or -1; None, and nothing is taken over, if one of the rows
+        can't be.
     """
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
@@ -47,6 +58,10 @@ def merge(
     cdef object about_sticky = -1
     cdef const short* hops_before = before.data.as_shorts
     cdef Py_ssize_t known_before = len(before), size = len(freshest)
+    # Everybody knows where the MS is.
+    cdef bint placed = sender == STATION or (sender < size and freshest.data.as_longlongs[sender] >= 0)
+    if not all_possible(raw, end, sender, placed, sticky, robots, tick):
+        return None
     while raw < end:
         dst = raw[0] | raw[1] << 8
         freshness = uint64_at(raw + 2)
@@ -73,16 +88,11 @@ def merge(
         memcpy(PyByteArray_AS_STRING(inherent) + dst * INHERENT, raw - INHERENT, INHERENT)
     return about_sticky
 
-def rows_possible(bytes rows, int sender, int sticky, int robots, uint64_t tick):
-    """Whether all rows that a neighbor says in `tick` can be (`agents.limits`): 0, or 1, or 2 with one of its own.
-
-    Args:
-        sticky: a destination to which nobody adds the hop to this neighbor.
-        robots: the highest destination that there is.
-    """
-    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(rows)
-    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(rows)
-    cdef int dst, found = 1
+cdef bint all_possible(
+    const unsigned char* raw, const unsigned char* end, int sender, bint placed, int sticky, int robots, uint64_t tick
+) noexcept:
+    """Whether all rows can be (`agents.limits`), and one of them, unless it is `placed`, is the sender's own."""
+    cdef int dst
     cdef uint64_t freshness, offered
     cdef unsigned int hop
     while end - raw >= ROW:
@@ -97,12 +107,35 @@ def rows_possible(bytes rows, int sender, int sticky, int robots, uint64_t tick)
             or (freshness >> 9) + (hop if hop < 255 else 0) >= tick
             or dst > robots
         ):
-            return 0
-        if hop == 0:
-            found = 2
-    return found if raw == end else 0
+            return False
+        placed = placed or hop == 0
+    return placed and raw == end
 
-def acks_possible(bytes acks, int robots, uint64_t tick):
+def update_possible(fields, int robots, long changes, uint64_t tick):
+    """Whether the fields of an update have their types and can be heard in `tick` (`agents.limits`), its rows aside.
+
+    Args:
+        robots: the highest node that can be named.
+        changes: most changes of the MS's map.
+    """
+    if type(fields) is not list or len(<list>fields) != 6:
+        return False
+    _, nms, hold, version, rows, acks = <list>fields
+    if type(rows) is not bytes or type(acks) is not bytes:
+        return False
+    if not (within(nms, -1, robots) and within(hold, -1, robots) and within(version, 0, changes)):
+        return False
+    return acks_possible(acks, robots, tick)
+
+cdef bint within(object value, long low, long high) noexcept:
+    cdef int overflow = 0
+    cdef long number
+    if type(value) is not int:
+        return False
+    number = PyLong_AsLongAndOverflow(value, &overflow)
+    return not overflow and low <= number <= high
+
+cdef bint acks_possible(bytes acks, int robots, uint64_t tick) noexcept:
     """Whether acknowledgements are ascending by robot and incarnation, and of reports that can be by `tick`."""
     cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(acks)
     cdef const unsigned char* end = raw + PyBytes_GET_SIZE(acks)
@@ -142,6 +175,19 @@ def advertised(list known, array.array freshest, bytearray inherent):
         memcpy(raw + 10, said + dst * INHERENT, INHERENT)
         raw += ROW
     return rows
+
+def announce(bytearray inherent, int dst, int flags, double x, double y, double target_x, double target_y):
+    """Write the inherent elements of `dst`; `x` and the others, in steps, are rounded and kept within 32 bits."""
+    cdef unsigned char* raw = <unsigned char*>PyByteArray_AS_STRING(inherent) + dst * INHERENT
+    cdef double[4] steps = [x, y, target_x, target_y]
+    cdef int place, byte
+    cdef int32_t value
+    raw[0] = flags & 255
+    raw[1] = flags >> 8
+    for place in range(4):
+        value = <int32_t>rint(min(max(steps[place], -FARTHEST), FARTHEST))
+        for byte in range(4):
+            raw[2 + 4 * place + byte] = value >> 8 * byte & 255
 
 def search_robots(array.array next_hop, bytearray inherent, int me):
     """Destinations, ascending, that have a route and the class SR, without `me`."""

@@ -14,7 +14,7 @@ import numpy as np
 from agents.config import RobotConfig
 from agents.forwarding_table import ForwardingTable, freshness_of
 from agents.limits import Limits
-from agents.messages import Table, Update
+from agents.messages import Table
 from agents.neighbors import Neighbors
 from agents.nms import MsRoute
 from bus.codec import WireError
@@ -56,8 +56,7 @@ class Router:
         before = self.table.next_hops()
         for src, power, payload in updates:
             try:
-                update = Update.decode(payload)
-                self.limits.check_update(update, tick)
+                update = self.limits.decode_update(payload, tick)
                 ms_freshness = self.table.merge(src, update.rows, before, self._sticky, tick)
             except WireError:
                 self.bad_frames += 1

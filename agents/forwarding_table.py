@@ -22,7 +22,7 @@ from typing import Final
 
 from agents import _rows
 from bus.codec import WireError
-from world.terms import MAX_NODE, NOBODY, STATION, UNREACHABLE
+from world.terms import MAX_NODE, NOBODY, UNREACHABLE
 
 ROW: Final = struct.Struct("<HQ18s")
 """A row in an update: dst, freshness, inherent elements."""
@@ -35,10 +35,6 @@ _INHERENT_BYTES: Final = 18
 _PER_METRE: Final = 100_000.0
 """Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
-_FARTHEST: Final = 2**31 - 1
-"""What lies farther away is said to be here."""
-_WITH_OWN: Final = 2
-"""What the loop returns for possible rows with one of the sender's own."""
 
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
@@ -128,9 +124,12 @@ class ForwardingTable:
     ) -> None:
         """Write the SRRC elements of one entry."""
         self._make_room(dst)
-        flags = cls | _NEED_BIT * need
-        places = [min(max(round(_PER_METRE * value), -_FARTHEST), _FARTHEST) for value in (*at_m, *target_m)]
-        _INHERENT.pack_into(self._inherent, dst * _INHERENT_BYTES, flags, *places)
+        x, y = at_m
+        target_x, target_y = target_m
+        _rows.announce(
+            self._inherent, dst, cls | _NEED_BIT * need,
+            _PER_METRE * x, _PER_METRE * y, _PER_METRE * target_x, _PER_METRE * target_y,
+        )  # fmt: skip
 
     def _make_room(self, dst: int) -> None:
         more = dst + 1 - len(self._freshness)
@@ -158,16 +157,13 @@ class ForwardingTable:
             WireError: not a sequence of ROW, an impossible row (agents/limits.py), or no row of the sender's own; then
                 nothing is merged.
         """
-        possible = _rows.rows_possible(rows, sender, sticky, self._robots, tick)
-        if not possible:
-            raise WireError("no sequence of rows, or one with a node, number or metric that can't be")
-        # Everybody knows where the MS is.
-        if possible != _WITH_OWN and sender != STATION and self.freshness(sender) < 0:
-            raise WireError("a table lacks its sender's own row")
-        return _rows.merge(
+        about_sticky = _rows.merge(
             rows, self.node, sender, self.known, self._freshness, self._next_hop, self._inherent, before, sticky,
-            self._make_room,
+            self._robots, tick, self._make_room,
         )  # fmt: skip
+        if about_sticky is None:
+            raise WireError("no sequence of rows, a row that can't be, or none of the sender's own")
+        return about_sticky
 
     def break_via(self, neighbor: int) -> None:
         """Break every route through a neighbor: infinite hop count, and number + 1, which is odd [paper 2.6, 2.8]."""

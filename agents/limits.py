@@ -13,9 +13,6 @@ A frame is heard one tick after it was sent. So in tick k
 
 from __future__ import annotations
 
-import numpy as np
-
-from agents import _rows
 from agents.config import RobotConfig
 from agents.messages import MapChunk, ScanReport, Update
 from bus.codec import WireError, integer
@@ -30,16 +27,13 @@ class Limits:
         self._changes = 2 * config.geometry.size
         self._chunk_cells = config.rules.reporting.chunk_cells
 
-    def check_update(self, update: Update, tick: int) -> None:
-        """Check all of an update but its rows, which are checked where they are merged.
+    def decode_update(self, payload: bytes, tick: int) -> Update:
+        """Decode an update; its rows are checked where they are merged.
 
         Raises:
-            WireError: it names a node that there is not, or numbers that nobody can have reached.
+            WireError: it is none, or names a node that there is not, or numbers that nobody can have reached.
         """
-        integer(max(update.nms, update.hold), -1, self._robots)
-        integer(update.map_version, 0, self._changes)
-        if not _rows.acks_possible(update.acks, self._robots, tick):
-            raise WireError("acknowledgements are not ascending, or of reports that can't be")
+        return Update.decode(payload, self._robots, self._changes, tick)
 
     def check_report(self, report: ScanReport, tick: int) -> None:
         """Check a scan report that arrives at the MS.
@@ -49,7 +43,7 @@ class Limits:
         """
         integer(report.origin, 1, self._robots)
         integer(report.incarnation + report.number, 1, tick)
-        if not self._geometry.holds(report.cells) or len(np.unique(report.cells)) != len(report.cells):
+        if not self._geometry.holds(report.cells) or len(set(report.cells.tolist())) != len(report.cells):
             raise WireError("a cell lies outside the grid, or is there twice")
         if not all(self._geometry.covers(x, y) for _, x, y in report.victims):
             raise WireError("a victim lies outside the grid")

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.codec import WireError, column, integer, pack, places, unpack, within
+from agents import _rows
+from bus.codec import WireError, column, integer, pack, places, unpack, unpacked, within
 from world.messages import sightings
 from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls
 
@@ -66,13 +67,23 @@ class Update:
         return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
 
     @staticmethod
-    def decode(data: bytes) -> Update:
-        _, nms, hold, version, rows, acks = unpack(data, 6)
-        if type(rows) is not bytes or type(acks) is not bytes or len(acks) % ACK.size:
-            raise WireError("table and acknowledgements are raw columns")
-        return Update(
-            integer(nms, NOBODY, MAX_NODE), integer(hold, NOBODY, MAX_NODE), integer(version, 0, MAX_TICK), rows, acks
-        )
+    def decode(data: bytes, robots: int = MAX_NODE, changes: int = MAX_TICK, tick: int = MAX_TICK) -> Update:
+        """Everything is checked but the rows, which are checked where they are merged.
+
+        Args:
+            data: as encoded.
+            robots: N, the highest node that can be named.
+            changes: most changes of the MS's map.
+            tick: in which it is heard.
+
+        Raises:
+            WireError: it is no update, or one with a node or a number that can't be (agents/limits.py).
+        """
+        fields = unpacked(data)
+        if not _rows.update_possible(fields, robots, changes, tick):
+            raise WireError("no update, or one with a node, a number or acknowledgements that can't be")
+        _, nms, hold, version, rows, acks = fields
+        return Update(nms, hold, version, rows, acks)
 
 
 @dataclass(slots=True, init=False)

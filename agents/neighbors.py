@@ -63,15 +63,16 @@ class Neighbors:
         if neighbor is None:
             neighbor = self.by_id[node] = Neighbor(node, rx_power_dbm=rx_power_dbm)
         neighbor.heard_tick = tick
-        neighbor.rx_power_dbm += self._weight * (rx_power_dbm - neighbor.rx_power_dbm)
-        decades = (self._at_1m_dbm - neighbor.rx_power_dbm) / self._slope_db
+        power_dbm = neighbor.rx_power_dbm + self._weight * (rx_power_dbm - neighbor.rx_power_dbm)
+        neighbor.rx_power_dbm = power_dbm
+        decades = (self._at_1m_dbm - power_dbm) / self._slope_db
         neighbor.distance_m = 10.0 ** min(decades, MOST_DECADES)
         return neighbor
 
     def expire(self, tick: int) -> list[int]:
         """Forget neighbors that were silent for the time-out [paper 2.8]; returns their ids, ascending."""
         limit = tick - self._timeout_ticks
-        gone = sorted(node for node, n in self.by_id.items() if n.heard_tick <= limit)
+        gone = sorted([node for node, n in self.by_id.items() if n.heard_tick <= limit])
         for node in gone:
             del self.by_id[node]
         return gone
@@ -87,4 +88,4 @@ class Neighbors:
 
     def naming(self, node: int) -> list[int]:
         """The inv of `node`: the neighbors whose NMS it is, ascending [paper 2.2, 2.3]."""
-        return sorted(n.node for n in self.by_id.values() if n.nms == node)
+        return sorted([n.node for n in self.by_id.values() if n.nms == node])

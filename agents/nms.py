@@ -57,24 +57,26 @@ class MsRoute:
     def step(self, tick: int, rng: random.Random) -> None:
         """Refresh or change the route. The tick's updates have been absorbed, and lost neighbors have expired."""
         if self._rules.sticky:
-            if self.nms != NOBODY:
-                self._refresh(tick)
-            if self.nms == NOBODY:
+            nms = self.nms
+            if nms != NOBODY:
+                self._refresh(tick, self._neighbors.by_id[nms])
+                nms = self.nms
+            if nms == NOBODY:
                 self._adopt(self._any_route(tick))
-            elif self.links.leaving() or self.weak(tick):
+            elif self.links.leaving() or self.links.weak(nms, tick):
                 self._probe(tick, rng)
             if self.nms != NOBODY:
                 self._adopt(self._shortcut(tick))
-        if self.nms != NOBODY:
-            self.acks = self._neighbors.by_id[self.nms].acks
+        nms = self.nms
+        if nms != NOBODY:
+            self.acks = self._neighbors.by_id[nms].acks
 
     def weak(self, tick: int) -> bool:
         """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""
         return self.links.weak(self.nms, tick)
 
-    def _refresh(self, tick: int) -> None:
+    def _refresh(self, tick: int, nms: Neighbor) -> None:
         """Follow the NMS's own entry; while frozen, only if the NMS has lost its route."""
-        nms = self._neighbors.by_id[self.nms]
         newer = nms.ms_seqno > self._seqno
         if newer and (nms.ms_hop == UNREACHABLE or tick > self._frozen_until):
             self._take(nms)
@@ -127,6 +129,8 @@ class MsRoute:
     def _shortcut(self, tick: int) -> Neighbor | None:
         """Rule c."""
         hops = self.hops
+        if hops == 1:
+            return None  # nobody saves a hop
         for neighbor in self._neighbors.by_id.values():
             if neighbor.ms_hop + 1 < hops:
                 break

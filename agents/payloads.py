@@ -23,11 +23,12 @@ def sort_payloads(inbox: Inbox | None, handlers: Mapping[int, Callable[[bytes], 
     bad = 0
     if inbox is None:
         return updates, bad
-    for src, power, payload in inbox.receptions:
+    for reception in inbox.receptions:
+        payload = reception[2]
         try:
             kind = kind_of(payload)
             if kind == UPDATE:
-                updates.append((src, power, payload))
+                updates.append(reception)
             elif kind in handlers:
                 handlers[kind](payload)
             else:

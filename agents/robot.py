@@ -111,11 +111,11 @@ class Robot:
         router = self.body.router
         if tick < router.quiet_until:
             return ()
-        ms = router.ms
-        update = Update(ms.nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
+        ms, nms = router.ms, router.ms.nms
+        update = Update(nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
         frames: list[Frame] = [(BROADCAST, update.encode())]
-        if ms.nms != NOBODY:
-            frames += [(ms.nms, payload) for payload in self.uplink.due(tick, ms.hops)]
+        if nms != NOBODY:
+            frames += [(nms, payload) for payload in self.uplink.due(tick, ms.hops)]
         else:
             self.uplink.drop_carried()
         frames += self.downlink.due(tick, router.inv, router.neighbors)

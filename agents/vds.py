@@ -78,16 +78,18 @@ class Vds:
         tick, router = self.body.tick, self.body.router
         if tick < router.quiet_until:
             return STILL, Mode.LOST
-        if router.ms.nms == NOBODY:
+        nms = router.ms.nms
+        if nms == NOBODY:
             return self.recover_path(), Mode.LOST
-        self._lost_nms_m = router.table.location_m(router.ms.nms)
+        self._lost_nms_m = router.table.location_m(nms)
         if cls is Cls.SR:
             self.search()
         if router.ms.weak(tick):
-            return self.trace(router.ms.nms), Mode.INNER
+            return self.trace(nms), Mode.INNER
         if cls is Cls.RR:
-            if self.nmsr != NOBODY and router.neighbors.distance_m(self.nmsr, tick) > self.r_out_m:
-                return self.trace(self.nmsr), Mode.OUTER
+            nmsr = self.nmsr
+            if nmsr != NOBODY and router.neighbors.distance_m(nmsr, tick) > self.r_out_m:
+                return self.trace(nmsr), Mode.OUTER
             if not self.rules.moving.relay_walks:
                 return STILL, Mode.WAIT
         return self.walk(self.rules.moving.speed_m_s)

@@ -56,7 +56,10 @@ def run_in_process(
         interrupts.pass_to(simulation.world.interrupt)
     failures, finals = Failures(), {}
     try:
-        finals = simulation.run().finals
+        # Snapshots are not kept: a run of days has a million of them.
+        while not simulation.step()[1]:
+            pass
+        finals = simulation.finals()
     except Exception as error:  # such as one of a user's policy: what came before it is kept
         failures.crashed("the run", "the run ended", Crash.of(error))
     finally:

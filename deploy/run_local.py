@@ -222,10 +222,10 @@ def _run(
 def _view(options: argparse.Namespace, console: Console, cells: tuple[str, ...]) -> View:
     from deploy.screen.live_table import LiveTable
     from deploy.screen.plain_lines import PlainLines
-    from deploy.screen.view import Silence
+    from deploy.screen.view import NoView
 
     if options.quiet:
-        return Silence()
+        return NoView()
     return LiveTable(console, cells) if console.is_terminal else PlainLines(console)
 
 

@@ -117,10 +117,14 @@ class Simulation:
             snapshots.append(snapshot)
             if stopped:
                 break
+        return Result(self.finals(), time.perf_counter() - started, snapshots)
+
+    def finals(self) -> dict[str, dict[str, Any]]:
+        """Last counts of world, medium and, if it ever came, station."""
         finals = {"world": self.world.final(), "medium": self.medium.final()}
-        if self.station is not None:  # it may never have come
+        if self.station is not None:
             finals["station"] = self.station.final()
-        return Result(finals, time.perf_counter() - started, snapshots)
+        return finals
 
     def step(self) -> tuple[Snapshot, bool]:
         """Run one tick; returns its snapshot, and whether the run is over."""

@@ -51,7 +51,7 @@ class MapMerger:
         self._acks = None
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
-        changed = np.unique(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
+        changed = np.sort(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
         np.maximum.at(self.cells, report.cells, report.values)
         return changed, self.cells[changed]
 

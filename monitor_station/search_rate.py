@@ -35,10 +35,9 @@ class SearchRate:
         self._known[new] = True
         rates = list(self.rates)
         for layer in self._layers:
-            touched, counts = np.unique(layer[new], return_counts=True)
-            for k, count in zip(touched.tolist(), counts.tolist(), strict=True):
-                if k < 0:
-                    continue
+            counts = np.bincount(layer[new] + 1)
+            for k in np.flatnonzero(counts[1:]).tolist():
+                count = int(counts[k + 1])
                 self._scanned[k] += count
                 rates[k] = self._scanned[k] / self._sizes[k]
                 if self._scanned[k] == self._sizes[k]:

@@ -1,4 +1,4 @@
-"""The tests, and longer measurements (bench, acceptance, chaos)."""
+"""The tests, and longer measurements (bench, acceptance, chaos, soak)."""
 
 from pathlib import Path
 from typing import Final

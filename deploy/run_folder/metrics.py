@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -38,8 +39,9 @@ class Metrics:
         self._rows.writerow([*_COLUMNS, *(RATE + cell for cell in cells)])
         self._second = -1
         """Simulated second of the last row."""
-        self._time_s: list[float] = []
-        self._rates: list[list[float]] = []
+        # Eight bytes a number: a run of days has a hundred thousand rows.
+        self._time_s = array("d")
+        self._rates = [array("d") for _ in cells]
 
     def add(self, s: Snapshot) -> None:
         """Add a tick, in the order of ticks. The first of each second becomes a row."""
@@ -51,7 +53,8 @@ class Metrics:
         hops = s.hops[present & (s.hops < UNREACHABLE)]
         rates = [round(rate, 6) for rate in s.search_rate] or [0.0] * len(self._cells)
         self._time_s.append(seconds_of(s.tick))
-        self._rates.append(rates)
+        for column, rate in zip(self._rates, rates, strict=True):
+            column.append(rate)
         self._rows.writerow([
             self._time_s[-1], int(present.sum()), len(hops), int((present & (s.cls == Cls.RR)).sum()),
             int(hops.max()) if len(hops) else "", round(float(hops.mean()), 3) if len(hops) else "",
@@ -63,5 +66,5 @@ class Metrics:
         last = len(self._time_s) - 1
         kept = [i for i in range(last + 1) if i % step == 0 or i == last]
         return {"time_s": [self._time_s[i] for i in kept]} | {
-            cell: [self._rates[i][k] for i in kept] for k, cell in enumerate(self._cells)
+            cell: [rates[i] for i in kept] for cell, rates in zip(self._cells, self._rates, strict=True)
         }

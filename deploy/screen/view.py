@@ -9,7 +9,7 @@ from typing import Protocol
 from world.feed import Event, Snapshot
 from world.terms import TICK_S
 
-__all__ = ["Clock", "Silence", "View", "worth_a_line"]
+__all__ = ["Clock", "NoView", "View", "worth_a_line"]
 
 
 class View(Protocol):
@@ -34,7 +34,7 @@ class View(Protocol):
         """Draw the last state."""
 
 
-class Silence:
+class NoView:
     """A view that shows nothing."""
 
     def processes(self, pids: Mapping[str, int]) -> None: ...

@@ -96,11 +96,11 @@ def _with_processes(scenario: Scenario, folder: RunFolder, temporary: Path) -> d
     from deploy.machine.limits import allow_files
     from deploy.processes.fleet import Fleet
     from deploy.processes.launcher import Launcher
-    from deploy.screen.view import Silence
+    from deploy.screen.view import NoView
 
     allow_files(scenario.robots)
     fleet = Fleet(scenario, folder.path, local_endpoint(temporary, scenario.robots), record=False)
-    return Launcher(fleet, folder, Silence()).run().summary
+    return Launcher(fleet, folder, NoView()).run().summary
 
 
 def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from deploy.in_process import run_in_process
 from deploy.run_folder.failures import Crash, Failures
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import ScenarioError, load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 from tests.helpers.policies import CLIMBS, policies
 
 __all__ = ["policies"]
@@ -74,7 +74,7 @@ def test_processes_that_fail_in_the_same_way_are_told_once() -> None:
 def test_a_run_in_one_process_keeps_what_came_before_a_policy_raised(policies: Path, tmp_path: Path) -> None:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0, "policy": "climbing:Climbs"})
     with RunFolder(tmp_path / "run", scenario) as folder:
-        summary, failures = run_in_process(scenario, folder, Silence(), record=False)
+        summary, failures = run_in_process(scenario, folder, NoView(), record=False)
     assert (summary["status"], summary["ticks"], summary["trace_sha256"]) == ("failed", CLIMBS, None)
     (told,) = failures
     assert list(failures) == summary["failures"]

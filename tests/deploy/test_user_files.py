@@ -13,7 +13,7 @@ from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import ScenarioError, load
 from deploy.scenario.name import name_of
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 from deploy.sweep.plan import load_study
 from tests import ROOT
 
@@ -61,7 +61,7 @@ def run(tmp_path: Path) -> Path:
     """The folder of a run that has ended."""
     scenario = load("three_cells", {"robots": 1, "duration_s": 1.0})
     with RunFolder(tmp_path / "run", scenario) as folder:
-        run_in_process(scenario, folder, Silence(), record=False)
+        run_in_process(scenario, folder, NoView(), record=False)
     return tmp_path / "run"
 
 

@@ -162,7 +162,7 @@ def _merge(rows: bytes) -> object:
 
 def _acknowledge(acks: bytes) -> object:
     config = scenario().robot_config(1)
-    Router(config, node_stream(1, 1, 0), 0).limits.check_update(Update(-1, -1, 0, b"", acks), 100)
+    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(Update(-1, -1, 0, b"", acks).encode(), 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
         uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())

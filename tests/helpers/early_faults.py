@@ -20,7 +20,7 @@ from deploy.processes.launcher import Launcher
 from deploy.processes.supervisor import Supervisor
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 from world.feed import Snapshot
 
 CONTINUED_AT = 10
@@ -41,7 +41,7 @@ class EarlyFleet(Fleet):
             supervisor.start(f"robot/{node}", struck, number, config, login)
 
 
-class Continues(Silence):
+class Continues(NoView):
     """Continues robot 3 when it sees that the run goes on."""
 
     pids: Mapping[str, int] = {}

@@ -18,7 +18,7 @@ from deploy.processes.launcher import Launcher
 from deploy.processes.supervisor import Supervisor
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 
 FAILS_AT_TICK = 30
 
@@ -49,7 +49,7 @@ def main() -> int:
     scenario = load("three_cells", {"robots": 3, "duration_s": 10.0})
     with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as temporary:
         fleet = FailingFleet(scenario, folder.path, local_endpoint(Path(temporary), 3), record=False)
-        outcome = Launcher(fleet, folder, Silence()).run()
+        outcome = Launcher(fleet, folder, NoView()).run()
     print(*outcome.failures, sep="\n")
     return outcome.exit_status
 

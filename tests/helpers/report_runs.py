@@ -9,7 +9,7 @@ from pathlib import Path
 from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 
 EVIL = "</script><script>alert(1)</script>\"'<img src=http://192.0.2.1/x onerror=alert(1)>"
 
@@ -19,7 +19,7 @@ def short_run(path: Path, *faults: str) -> Path:
     asked = {"robots": 4, "duration_s": 15.0, "fault": list(faults)} if faults else {"robots": 4, "duration_s": 15.0}
     scenario = load("three_cells", asked)
     with RunFolder(path, scenario) as folder:
-        run_in_process(scenario, folder, Silence(), record=False)
+        run_in_process(scenario, folder, NoView(), record=False)
     return path
 
 

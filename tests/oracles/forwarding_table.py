@@ -26,10 +26,9 @@ class OracleTable(ForwardingTable):
             dst <= self._robots and _possible(dst, freshness, sender, tick)
             for dst, freshness, _ in ROW.iter_unpack(rows)
         )
-        if not possible:
-            raise WireError("no sequence of rows, or one with a node, number or metric that can't be")
-        if sender not in (STATION, *(dst for dst, _, _ in ROW.iter_unpack(rows)), *self.known):
-            raise WireError("a table lacks its sender's own row")
+        known = sender in (STATION, *(dst for dst, _, _ in ROW.iter_unpack(rows)), *self.known) if possible else False
+        if not known:
+            raise WireError("no sequence of rows, a row that can't be, or none of the sender's own")
         for dst, freshness, inherent in ROW.iter_unpack(rows):
             if dst == sticky:
                 about_sticky = freshness

@@ -18,7 +18,7 @@ from deploy.emulation import Emulation
 from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
-from deploy.screen.view import Silence
+from deploy.screen.view import NoView
 from tests import ROOT
 from tests.helpers.running import LONG, Running, assert_readable, gone
 from tests.helpers.waiting import wait_until
@@ -140,7 +140,7 @@ def test_a_summary_that_can_not_be_written_is_named(tmp_path: Path) -> None:
     scenario = load("three_cells", {"robots": 1, "duration_s": 1.0})
     with RunFolder(tmp_path / "run", scenario) as folder:
         (tmp_path / "run" / "summary.json").mkdir()
-        summary, failures = run_in_process(scenario, folder, Silence(), record=False)
+        summary, failures = run_in_process(scenario, folder, NoView(), record=False)
     assert summary["status"] == "time_limit"
     assert failures == ("summary.json could not be written: Is a directory",)
     assert not list((tmp_path / "run").glob("*.part"))
@@ -153,7 +153,7 @@ def test_the_map_of_a_dead_station_is_made_from_its_journal(tmp_path: Path) -> N
         many = run.summary
     scenario = load("three_cells", {**options, "fault": faults})
     with RunFolder(tmp_path / "one", scenario) as folder:
-        one, _ = run_in_process(scenario, folder, Silence(), record=False)
+        one, _ = run_in_process(scenario, folder, NoView(), record=False)
     for key in ("trace_sha256", "scan_reports", "search_rate", "victims", "recoveries"):
         assert many[key] == one[key], key
     assert many["scan_reports"]["merged"] > 0
@@ -165,7 +165,7 @@ def test_the_map_of_a_dead_station_is_made_from_its_journal(tmp_path: Path) -> N
 def test_the_other_commands_too(tmp_path: Path, command: list[str]) -> None:
     scenario = load("three_cells", {"robots": 1, "duration_s": 1.0})
     with RunFolder(tmp_path / "run", scenario) as folder:
-        run_in_process(scenario, folder, Silence(), record=False)
+        run_in_process(scenario, folder, NoView(), record=False)
     words = [word.replace("RUN", str(tmp_path / "run")) for word in command]
     asked = [sys.executable, str(ROOT / "deploy" / words[0]), *words[1:]]
     read, write = os.pipe()
