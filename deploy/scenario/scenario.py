@@ -96,7 +96,15 @@ class Scenario:
 
     def medium_config(self) -> MediumConfig:
         tables, arena = self.tables, self.arena
-        return MediumConfig(tables.seed, tables.robots, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
+        return MediumConfig(
+            seed=tables.seed,
+            robots=tables.robots,
+            cells=len(self.cell_names),
+            radius_m=tables.radius_m,
+            geometry=arena.geometry,
+            occupied=arena.occupied,
+            radio=tables.radio,
+        )
 
     def robot_config(self, node: int) -> RobotConfig:
         """What robot `node` knows before it starts; `station_config` has the station."""

@@ -19,8 +19,11 @@ import pytest
 
 from bus.session import free_endpoint, port_of
 from tests import ROOT
+from tests.helpers.policies import policies
 from tests.helpers.running import LONG, Running, assert_readable, command, gone
 from tests.helpers.waiting import alive, wait_until
+
+__all__ = ["policies"]
 
 CTL = ROOT / "deploy" / "ctl.py"
 POOR_RADIO = (
@@ -253,6 +256,24 @@ def test_an_agent_that_raises_is_named_with_its_last_words_while_the_run_goes_on
     assert "ArithmeticError: a robot that can't go on" in ended.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert (summary["status"], summary["ticks"], len(summary["failures"])) == ("time_limit", 100, 1)
+
+
+@pytest.mark.processes
+def test_robots_that_all_raise_in_the_same_way_are_told_once(start: Callable[..., Running], policies: Path) -> None:
+    environment = {"PYTHONPATH": str(policies)}
+    running = start("--robots", 5, "--policy", "climbing:Climbs", "--no-recording", environment=environment)
+    status, _, errors = running.ended(90)
+    assert status == 1
+    assert errors.count("Traceback") == 1
+    assert errors.count("has had enough") == 3, "in the first line, and twice in the traceback"
+    assert re.search(
+        r"robot/\d \(pid \d+\) exited with status 1: ArithmeticError: .*climbing\.py, line 8\)$", errors, re.MULTILINE
+    )
+    assert re.search(
+        r"^    4 more failed in the same way: robot/\d, robot/\d, robot/\d, robot/\d$", errors, re.MULTILINE
+    )
+    assert len(errors.splitlines()) < 10
+    assert (running.summary()["status"], len(running.summary()["failures"])) == ("no_robots", 1)
 
 
 @pytest.mark.processes

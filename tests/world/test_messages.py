@@ -166,7 +166,7 @@ envelopes = st.one_of(
     st.builds(Opening, st.binary(max_size=9), st.lists(st.tuples(count, st.binary(max_size=9)), max_size=4)),
     st.builds(
         Moves, st.lists(st.tuples(count, st.integers(0, 2**32 - 1), tick, st.binary(max_size=9)), max_size=4),
-        st.integers(-1, 2**31 - 1), st.lists(count, max_size=4),
+        st.integers(-1, 2**31 - 1), st.lists(st.tuples(count, st.integers(0, 2**32 - 1)), max_size=4),
     ),
     st.builds(Turn, st.binary(max_size=9), st.binary(max_size=9)),
     st.builds(Answer, tick, st.binary(max_size=9), st.binary(max_size=9)),
