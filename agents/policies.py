@@ -43,8 +43,8 @@ def policy_class(name: str) -> type[Vds]:
         kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
         why = error.msg if isinstance(error, SyntaxError) else str(error)
         where = culprit(error)
-        line = f" ({shown(where, 150)})" if where else ""
-        raise PolicyError(f"cannot import {shown(module)}: {kind}{shown(why, 150)}{line}") from None
+        line = f" ({shown(where, 100)})" if where else ""
+        raise PolicyError(f"cannot import {shown(module)}: {kind}{shown(why, 60)}{line}") from None
     if not (isinstance(found, type) and issubclass(found, Vds)):
         raise PolicyError(f"{shown(module)} has no class {shown(attribute)} derived from agents.vds.Vds")
     if not isinstance(found.DEFAULTS, Mapping) or not all(isinstance(key, str) for key in found.DEFAULTS):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from deploy.failures import Crash, Failures
 from deploy.processes.collector import collect_rarely
-from deploy.run_folder.failures import Crash, Failures
 from deploy.run_folder.summary import shortfall
 from deploy.simulation import Observer, Simulation
 from world.grid.map_file import save_map

@@ -20,10 +20,10 @@ from typing import IO, Any, Final
 
 from setproctitle import setproctitle
 
+from deploy.failures import Crash
 from deploy.machine.interrupts import SIGNALS, TO_ALL
 from deploy.machine.outlet import keep_writing, lost
 from deploy.processes.collector import collect_rarely
-from deploy.run_folder.failures import Crash
 
 __all__ = ["GRACE_S", "Child", "Held"]
 

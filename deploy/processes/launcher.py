@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 from bus.member import LATE_STOP_S, LOST_STATUS
 from bus.nodes import process_name
 from bus.session import BusError, Put, Session, new_token
+from deploy.failures import Failures, indented
 from deploy.processes.fleet import Fleet
 from deploy.processes.listener import Listener
 from deploy.processes.operator_file import OPERATOR, write_operator
 from deploy.processes.supervisor import Exit
-from deploy.run_folder.failures import Failures, indented
 from deploy.run_folder.summary import shortfall
 from deploy.run_folder.writer import RunFolder
 from world.feed import Absence, Signal

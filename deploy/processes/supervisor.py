@@ -24,10 +24,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
+from deploy.failures import Crash
 from deploy.machine.interrupts import SIGNALS
 from deploy.machine.limits import one_thread
 from deploy.processes.child import GRACE_S, Child, Held
-from deploy.run_folder.failures import Crash
 
 __all__ = ["Exit", "Supervisor"]
 

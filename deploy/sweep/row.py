@@ -21,7 +21,7 @@ from typing import Any, Final, Literal
 
 from bus.built import ROOT, built_from
 from bus.excerpt import shown
-from deploy.run_folder.failures import Crash
+from deploy.failures import Crash
 from deploy.run_folder.status import ERROR
 from deploy.run_folder.summary import shortfall
 from deploy.run_folder.writer import RunFolder

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from deploy.failures import Crash, Failures
 from deploy.in_process import run_in_process
-from deploy.run_folder.failures import Crash, Failures
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import ScenarioError, load
 from deploy.screen.view import NoView
