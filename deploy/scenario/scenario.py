@@ -85,6 +85,7 @@ class Scenario:
             victims_m=arena.victims_m,
             lidar=tables.lidar,
             pose_noise_m=tables.pose_noise_m,
+            body_radius_m=tables.body_radius_m,
             faults=tables.fault,
             cell_names=self.cell_names,
             hang_deadline_s=tables.deadlines.hang_s,
