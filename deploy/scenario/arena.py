@@ -217,7 +217,8 @@ def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry,
                 return np.array(starts)
     raise ScenarioError(
         f"station: no free place for robot {len(starts) + 1} of {tables.robots} between "
-        f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}{_bodies(tables)}"
+        f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}, "
+        f"with body_radius_m = {tables.body_radius_m:g}"
     )
 
 
@@ -225,11 +226,6 @@ def _apart(tables: Tables, place: Point, starts: Sequence[Point]) -> bool:
     """Whether the body of a robot that starts at a place touches none of those that start elsewhere."""
     apart_m = 2.0 * tables.body_radius_m
     return apart_m == 0.0 or all(math.dist(place, start) > apart_m for start in starts)
-
-
-def _bodies(tables: Tables) -> str:
-    """What an error on starts adds if robots have bodies."""
-    return f", with body_radius_m = {tables.body_radius_m:g}" if tables.body_radius_m else ""
 
 
 def _spread(
@@ -246,7 +242,7 @@ def _spread(
     if len(starts) < tables.robots:
         raise ScenarioError(
             f"station.start_radius_m = {radius_m:g}: no free cell there for robot {len(starts) + 1} of "
-            f"{tables.robots}{_bodies(tables)}"
+            f"{tables.robots}, with body_radius_m = {tables.body_radius_m:g}"
         )
     return np.array(starts)
 

@@ -118,6 +118,7 @@ class Scenario:
             robots=tables.robots,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
+            body_radius_m=tables.body_radius_m,
             bandwidth_limited=radio.limited,
             policy=tables.policy,
             rules=tables.rules,

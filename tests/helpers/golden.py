@@ -1,4 +1,4 @@
-"""Four short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
+"""Six short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
 
 A digest changes only in a commit of its own that says why.
 """
@@ -21,6 +21,13 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
         "cluttered_room",
         {"robots": 4, "policy": "sortie", "radio.model": "disk_los", "duration_s": 100.0, "seed": 4},
     ),
+    "bodies": (
+        "hospital_ward",
+        {
+            "robots": 10, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.25,
+            "duration_s": 60.0, "seed": 5, "fault": ["kill:3@15", "pause:4@25+5"],
+        },
+    ),
     "noise and losses": (
         "office_floor",
         {
@@ -42,6 +49,7 @@ DIGESTS: Final = {
     "vds": "cf3d88415520caf5a3c1038c6f9d88e5ebd539c89b67326f9088eeaa8cea3c08",
     "scout behind walls": "9f9cb5ed742d7e168fea5e947443982946ac4a7a6ab289a95b017ca4f7e24b54",
     "sortie behind walls": "40b25fffed0c59cb62f188cc5938cd9fa05535d160189936cb64a5915b7e4ab3",
+    "bodies": "0827c566caf6c6cce93cf8679da6db1e736fcedcdb0027c35624ba11a6b8f652",
     "a poor radio": "7e5b862540fe7717edb393f8ac3fef66c2e3447cff4b62969e75882adaa89f44",
     "noise and losses": "ea2cc2ccb24d72ecd9ab62a10dca91b29fb1c8878deb27a2e9f885623e5d97c6",
 }
