@@ -11,10 +11,9 @@ from typing import Final
 
 from agents.config import GivingWay
 from agents.dsdv import Router
-from agents.explorer import ticks
-from agents.found_bodies import Found, Place
+from agents.found_bodies import Found
 from agents.own_map import OwnMap
-from world.terms import STATION, TICK_S
+from world.terms import STATION, TICK_S, Place, tick_of
 
 _TOUCH_M: Final = 0.15
 """Two bodies this near may touch: what a robot knows of another is a tick old."""
@@ -78,7 +77,7 @@ class Near:
             ahead = (place[0] - at[0]) * ux + (place[1] - at[1]) * uy > 0.0
             if ahead and math.dist(at, place) <= self._apart_m + 2.0 * _TOUCH_M:
                 return
-        self._found.add(self._last_said(tick, at, (ux, uy)) or far, tick + ticks(self._rules.remember_s))
+        self._found.add(self._last_said(tick, at, (ux, uy)) or far, tick + tick_of(self._rules.remember_s))
 
     def _last_said(self, tick: int, at: Place, ahead: Place) -> Place | None:
         """The place ahead that a robot, silent now, said last; it must be one that this robot can touch."""

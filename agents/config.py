@@ -16,8 +16,8 @@ Count = Annotated[int, Ge(1), Le(MOST)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 KM_H = 1 / 3.6
-_MOST_POWER: Final = 300.0
-"""Of ten, that is still a number."""
+MOST_DECADES: Final = 300.0
+"""The largest exponent of ten that is used: 10^300 is still a finite double."""
 
 POWER_SMOOTHING_S: Final = 1.0
 """Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""
@@ -167,7 +167,7 @@ class Scouting:
         if model == "disk_los":
             return math.inf
         loss_db = wall_loss_db if self.wall_loss_db is None else self.wall_loss_db
-        factor: float = 10.0 ** min(loss_db / (10.0 * exponent), _MOST_POWER)
+        factor: float = 10.0 ** min(loss_db / (10.0 * exponent), MOST_DECADES)
         return factor
 
 

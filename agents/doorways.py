@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from agents.body import Action, Body, Place
+from agents.body import Action, Body
 from agents.config import GivingWay
-from agents.explorer import ticks
 from agents.predicted_links import PredictedLinks
-from world.terms import NOBODY, TICK_S, Cls, Mode
+from world.terms import NOBODY, TICK_S, Cls, Mode, Place, tick_of
 
 _STEP_M: Final = 0.25
 """Places are looked at so far apart, and walls are measured so exactly."""
@@ -44,7 +43,7 @@ class Doorways:
             self._spot = None
         if self._spot is None and stands and (tick + self._body.config.node) % _LOOK_TICKS == 0 and self.narrow(at):
             self._spot = self._wide_place()
-            self._until = tick + ticks(self._rules.stay_s)
+            self._until = tick + tick_of(self._rules.stay_s)
         if self._spot is None:
             return action.velocity_m_s
         away = math.dist(at, self._spot)

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 from agents.config import Exploring
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
-from world.terms import TICK_S
-
-Place = tuple[float, float]
+from world.terms import Place, tick_of
 
 _LIMITS_M: Final = 12.0, 48.0, math.inf
 """`select` searches only so far at first: no frontier beyond a limit can beat one that scores utility - limit."""
@@ -43,11 +41,6 @@ def score(
     taken = np.maximum(0.0, 1.0 - gaps / rules.discount_m).sum(axis=1)
     worth: NDArray[np.float64] = rules.utility_m * np.maximum(0.0, 1.0 - taken) - lengths_m
     return worth
-
-
-def ticks(seconds: float) -> int:
-    """Whole ticks of a duration."""
-    return round(seconds / TICK_S)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -112,7 +105,7 @@ class Explorer:
         # Every frontier is taboo: take the best of all, and perhaps walk back first [paper 6.6].
         if self.stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
             seconds = self._rng.uniform(self._rules.retreat_min_s, self._rules.retreat_max_s)
-            self.retreat_until = tick + ticks(seconds)
+            self.retreat_until = tick + tick_of(seconds)
         worth = score(places[reached], lengths[reached], others_m, self._rules)
         return self._place(places, reached[int(np.argmax(worth))]), reach
 
@@ -144,10 +137,10 @@ class Explorer:
         if last is None or last[0] != target or remaining_m <= last[1] - rules.stall_path_m:
             last = self._shortened_from = (target, remaining_m, tick)
         move_s, path_s = self.patience_s
-        stuck = tick - self._moved_from[1] >= ticks(move_s) or tick - last[2] >= ticks(path_s)
+        stuck = tick - self._moved_from[1] >= tick_of(move_s) or tick - last[2] >= tick_of(path_s)
         if stuck:
             seconds = rules.taboo_s * self._rng.uniform(0.5, 1.5) * 2.0 ** min(self.stalls, 4)
-            self._taboo.append((*target, tick + ticks(seconds)))
+            self._taboo.append((*target, tick + tick_of(seconds)))
             self.stalls += 1
             self.rest()
         return stuck

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.grid import GridGeometry
-
-Place = tuple[float, float]
+from world.terms import Place
 
 _MOST: Final = 16
 """Most bodies that are remembered."""

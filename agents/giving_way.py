@@ -20,9 +20,7 @@ from typing import Final
 from agents.bodies_near import Near
 from agents.body import Action, Body
 from agents.doorways import Doorways
-from agents.explorer import ticks
-from agents.found_bodies import Place
-from world.terms import NOBODY, TICK_S, UNREACHABLE
+from world.terms import NOBODY, TICK_S, UNREACHABLE, Place, tick_of
 
 STILL: Final = (0.0, 0.0)
 _DIRECTIONS: Final = 16
@@ -81,7 +79,7 @@ class GivingWay:
             room = self._make_room(near)
             if room is not None:
                 # Who wants to stand at one place, and was pushed from it, does not press back at once.
-                self._room_until = tick + ticks(self._rules.back_s) if stands else self._room_until
+                self._room_until = tick + tick_of(self._rules.back_s) if stands else self._room_until
                 return room
         if stands:
             return STILL
@@ -152,7 +150,7 @@ class GivingWay:
             touch_m = self._apart_m + rules.margin_m
             beside = [node for node, place, _ in near if math.dist(place, self._body.at) <= touch_m]
             if beside and not all(self._goes_first(node) for node in beside):
-                self._back_until = tick + ticks(rules.back_s)
+                self._back_until = tick + tick_of(rules.back_s)
         return tick < self._back_until
 
     def _make_room(self, near: list[Neighbor]) -> Place | None:

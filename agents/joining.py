@@ -11,12 +11,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from agents.body import Body, Place
+from agents.body import Body
 from agents.config import Sorties
-from agents.explorer import ticks
 from agents.planner import Reach
 from agents.predicted_links import PredictedLinks
-from world.terms import NOBODY
+from world.terms import NOBODY, Place, tick_of
 
 _LOOK_TICKS: Final = 10
 """Time between two choices of a neighbor."""
@@ -82,7 +81,7 @@ class Joining:
         if tick >= self._look_tick:
             self._links.wanted = self._nearer_neighbor(target)
             self._look_tick = tick + _LOOK_TICKS
-        if tick - self._began_tick > ticks(self._rules.join_most_s):
+        if tick - self._began_tick > tick_of(self._rules.join_most_s):
             return self._pause()
         if self._links.wanted != NOBODY:
             return self._links.wanted
@@ -117,7 +116,7 @@ class Joining:
 
     def _pause(self) -> int:
         self.stop()
-        self._not_before = self._body.tick + ticks(self._rules.join_pause_s)
+        self._not_before = self._body.tick + tick_of(self._rules.join_pause_s)
         return NOBODY
 
     def _nearer_neighbor(self, target: Place) -> int:

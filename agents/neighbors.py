@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
-from agents.config import RobotConfig
+from agents.config import MOST_DECADES, RobotConfig
 from agents.forwarding_table import hop_of
 from world.terms import NOBODY, TICK_S
 
@@ -38,10 +37,6 @@ class Neighbor:
     def ms_hop(self) -> int:
         """Its hop count to the MS."""
         return hop_of(self.ms_freshness)
-
-
-MOST_DECADES: Final = 300.0
-"""Beyond this, distances exceed the floating-point range."""
 
 
 class Neighbors:

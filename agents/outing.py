@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from agents.body import Body, Place
+from agents.body import Body
 from agents.planner import Reach
-from world.terms import TICK_S
+from world.terms import TICK_S, Place
 
 _RENEW_TICKS: Final = 5
 """Shortest time between two looks whether the way home still fits."""

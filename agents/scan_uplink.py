@@ -19,7 +19,7 @@ from agents.messages import ACK, AHEAD, ScanReport, body_of, one_hop_on
 from agents.room import Room
 from agents.round_trip import RoundTrip
 from bus.codec import WireError
-from world.terms import TICK_S
+from world.terms import tick_of
 
 Scan: TypeAlias = tuple[NDArray[np.uint32], NDArray[np.int8], tuple[tuple[int, float, float], ...]]
 """What a scan changed: cells and their values, and the victims that it saw."""
@@ -37,7 +37,7 @@ class ScanUplink:
         """`limited`: whether the radio is."""
         self._node = node
         self._incarnation = incarnation
-        self._resend_min_ticks = round(rules.resend_min_s / TICK_S)
+        self._resend_min_ticks = tick_of(rules.resend_min_s)
         self._limited = limited
         self._window = rules.window
         self._waiting: deque[Scan] = deque()

@@ -22,13 +22,13 @@ from typing import Any, ClassVar
 import numpy as np
 from mypy_extensions import mypyc_attr
 
-from agents.body import Body, Place
-from agents.explorer import score, ticks
+from agents.body import Body
+from agents.explorer import score
 from agents.joining import Joining, JoinLinks
 from agents.outing import Outing
 from agents.scout import Scout
 from agents.vds import Velocity
-from world.terms import NOBODY, Cls, Mode
+from world.terms import NOBODY, Cls, Mode, Place, tick_of
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -61,7 +61,7 @@ class Sortie(Scout):
             self._end()
         decision = super().behave(cls)
         if self._sorties.leave and cls is Cls.SR and self._may_leave():
-            self._outing = Outing(self.body, ticks(self._budget_s), self._sorties.pace_m_s)
+            self._outing = Outing(self.body, tick_of(self._budget_s), self._sorties.pace_m_s)
             self._joining.stop()
         return decision
 
@@ -95,7 +95,7 @@ class Sortie(Scout):
         if not outing.returning:
             return True
         at_home = math.dist(self.body.at, outing.home) < self._sorties.home_m
-        overdue = tick - outing.until > ticks(self._sorties.overdue_s)
+        overdue = tick - outing.until > tick_of(self._sorties.overdue_s)
         return not (at_home or overdue or (ms.nms != NOBODY and not ms.weak(tick)))
 
     def _advance(self, outing: Outing) -> None:
@@ -124,7 +124,7 @@ class Sortie(Scout):
 
     def _end(self) -> None:
         self._outing = None
-        self._not_before = self.body.tick + ticks(self._sorties.rest_s)
+        self._not_before = self.body.tick + tick_of(self._sorties.rest_s)
         self.explorer.rest()
         if self.classifier.cls is Cls.SR and self.body.router.ms.nms != NOBODY:
             self.target = self.choose_target()
@@ -160,7 +160,7 @@ class Sortie(Scout):
         if self._sorties.leave and stalled and self.target is not None and self._is_near():
             return self.target
         if self._sorties.depth and stalled and tick >= self._shallow_until:
-            self._shallow_until = tick + ticks(self._sorties.depth_s)
+            self._shallow_until = tick + tick_of(self._sorties.depth_s)
             self._shallower_than_m = self.body.ms_distance([self.body.at])[0] - self._sorties.depth_m
         place = self._shallow_target() if tick < self._shallow_until else None
         return super().choose_target() if place is None else place

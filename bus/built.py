@@ -1,7 +1,7 @@
 """Compiled loops carry the digest of their source, so that none that is out of date is ever used.
 
 A package's hot loops stand in `_NAME.pyx` files, their only form; each extension calls `check` as it is imported. An
-installed package has no source beside the extension, and nothing that could differ.
+installed package has no source beside the extension (pyproject.toml), so nothing could differ.
 """
 
 from __future__ import annotations

@@ -209,9 +209,9 @@ def _scratch(folder: RunFolder) -> Scratch:
     from deploy.machine.scratch import Scratch, ScratchError
     from deploy.processes.operator_file import OPERATOR
 
-    place = folder.path.resolve()
+    path = folder.path.resolve()
     try:
-        return Scratch([place / OPERATOR, place / f"{OPERATOR}.part"])
+        return Scratch([path / OPERATOR, path / f"{OPERATOR}.part"])
     except ScratchError as error:
         folder.discard()
         raise BadInputError(str(error)) from error

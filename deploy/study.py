@@ -8,23 +8,17 @@ failed (or `--compare` found a difference), 2 for bad input (one line, before an
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
-import platform
 import random
 import shlex
 import sys
-import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from deploy.command import Parser
+    from deploy.sweep.campaign import Asked
     from deploy.sweep.plan import Point, Study
-    from deploy.sweep.results import Results
     from deploy.sweep.workers import Workers
 
 ALSO_NEEDED: Final = ("matplotlib", "pyarrow")
@@ -62,12 +56,14 @@ def main(arguments: list[str] | None = None) -> int:
     from deploy.command import INTERRUPTED, refuse, require
 
     require(Path(__file__), ALSO_NEEDED)
-    from deploy.sweep.row import one_thread
+    from deploy.machine.limits import one_thread
 
     one_thread()
+    from deploy.run_folder.claim import ClaimError
     from deploy.scenario import ScenarioError
+    from deploy.sweep.campaign import carry_out
     from deploy.sweep.plan import load_study, points_of, runs_of
-    from deploy.sweep.results import Results
+    from deploy.sweep.results import Results, ResultsError
     from deploy.sweep.workers import WorkersGoneError
 
     if options.study == [REPORT]:
@@ -85,7 +81,10 @@ def main(arguments: list[str] | None = None) -> int:
     except (ScenarioError, OSError, ValueError) as error:
         return refuse("study.py", error)
     try:
-        return max([_run(study, points, workers, options) for study, points in plans])
+        whole = [carry_out(study, points, workers, _folder(study, options), _asked(options)) for study, points in plans]
+        return 0 if all(whole) else 1
+    except (ClaimError, ResultsError) as error:
+        return refuse("study.py", error)
     except KeyboardInterrupt:
         print("study.py: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
@@ -148,6 +147,18 @@ def _worker_count(options: argparse.Namespace) -> int:
     return options.workers or (1 if options.processes else os.cpu_count() or 1)
 
 
+def _asked(options: argparse.Namespace) -> Asked:
+    from deploy.sweep.campaign import Asked
+
+    return Asked(
+        command=shlex.join(["deploy/study.py", *options.study, *_marks(options)]),
+        engine="processes" if options.processes else "in-process",
+        crew="Dask" if options.dask else _worker_count(options),
+        retry_failed=options.retry_failed,
+        compare=options.compare,
+    )
+
+
 def _folder(study: Study, options: argparse.Namespace) -> Path:
     if options.out is not None:
         return Path(options.out)
@@ -157,138 +168,6 @@ def _folder(study: Study, options: argparse.Namespace) -> Path:
 def _marks(options: argparse.Namespace) -> list[str]:
     """The options that change results or how they are made."""
     return [f"--{word}" for word in ("quick", "processes") if getattr(options, word)]
-
-
-def _run(study: Study, points: list[Point], workers: Workers | None, options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from deploy.command import refuse
-    from deploy.run_folder.claim import ClaimError
-    from deploy.sweep.results import Results
-
-    results = Results(_folder(study, options))
-    with contextlib.closing(results):
-        try:
-            if workers is not None or results.folder.exists():
-                results.claim()
-        except ClaimError as error:
-            return refuse("study.py", error)
-        console = Console()
-        if workers is not None:
-            results.plan(points)
-            _execute(study, points, workers, results, console, options)
-        rows = results.rows()
-        if not rows:
-            return refuse("study.py", f"{results.folder}: no results yet")
-        planned = {point.key for point in points}
-        _draw(study, [row for row in rows if row["key"] in planned], results, console)
-        return max(_tell_failures(rows, planned, console), _compare(rows, planned, options.compare, console))
-
-
-def _execute(
-    study: Study, points: list[Point], workers: Workers, results: Results, console: Console, options: argparse.Namespace
-) -> None:
-    from deploy.run_folder.status import meaning_of
-    from deploy.sweep.workers import Execution
-
-    done = results.done(retry_failed=options.retry_failed)
-    todo = [point for point in points if point.key not in done]
-    _say(console, f"{study.name}: {len(points)} runs, {len(points) - len(todo)} of them done, in {results.folder}")
-    if damaged := results.damaged():
-        _say(
-            console,
-            f"{len(damaged)} files in {results.folder / 'parts'} are damaged and count as "
-            f"not run, such as {damaged[0].name}",
-        )
-    _warn_of_other_code(results, {point.key for point in points}, console)
-    execution = Execution(workers, "processes" if options.processes else "in-process", study.series_step_s)
-    begun, count = time.monotonic(), 0
-    try:
-        with _bar(console) as bar:
-            task = bar.add_task(study.name, total=sum(point.effort for point in todo), runs=0, of=len(todo))
-            for count, (point, finished) in enumerate(execution.results(todo), 1):
-                results.add(finished)
-                if not meaning_of(finished.row["status"]).result:
-                    bar.console.print(f"run {point.key} failed: {finished.row['error']}", markup=False, soft_wrap=True)
-                bar.update(task, advance=point.effort, runs=count)
-    finally:
-        results.compact()
-        if count:
-            _note(results, options, time.monotonic() - begun, count)
-
-
-def _warn_of_other_code(results: Results, planned: set[str], console: Console) -> None:
-    from deploy.sweep.row import code_version
-
-    others = [row for row in results.rows() if row["key"] in planned and row.get("code") != code_version()]
-    if others:
-        _say(console, f"{len(others)} of the rows there come from other code (column code); remove {results.folder} "
-             "to run them anew")  # fmt: skip
-
-
-def _bar(console: Console) -> Any:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[runs]}/{task.fields[of]} runs"),
-        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    # Runs take minutes, so the estimate needs a long period.
-    return Progress(*columns, console=console, speed_estimate_period=3600.0)
-
-
-def _note(results: Results, options: argparse.Namespace, wall_s: float, runs: int) -> None:
-    """Write down how the results were made; a resumed study adds up."""
-    before = results.noted()
-    results.note({
-        "command": shlex.join(["deploy/study.py", *options.study, *_marks(options)]),
-        "wall_s": round(before.get("wall_s", 0.0) + wall_s, 1),
-        "runs": before.get("runs", 0) + runs,
-        "workers": "Dask" if options.dask else _worker_count(options),
-        "machine": f"{os.cpu_count()} cores, {_processor()}, {platform.system()}, Python {platform.python_version()}",
-    })  # fmt: skip
-
-
-def _processor() -> str:
-    """Name of the processor, if the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.machine())
-
-
-def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
-    from deploy.scenario import load
-    from deploy.sweep.bounds import bounds_of
-    from deploy.sweep.plots import draw
-
-    for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
-        _say(console, f"drawn: {path}")
-
-
-def _tell_failures(rows: list[dict[str, Any]], planned: set[str], console: Console) -> int:
-    from deploy.sweep.statistics import usable
-
-    here = [row for row in rows if row["key"] in planned]
-    failed = len(here) - len(usable(here))
-    if failed:
-        _say(console, f"{failed} of {len(here)} runs failed, see column error; --retry-failed runs them again")
-    return 1 if failed else 0
-
-
-def _compare(rows: list[dict[str, Any]], planned: set[str], other: Path | None, console: Console) -> int:
-    if other is None:
-        return 0
-    from deploy.sweep.results import Results, differences
-
-    others = [row for row in Results(other).rows() if row["key"] in planned]
-    lines = differences([row for row in rows if row["key"] in planned], others)
-    for line in lines:
-        _say(console, line)
-    _say(console, f"compared with {other}: {len(others)} runs in common, {len(lines)} differences")
-    return 1 if lines or not others else 0
 
 
 def _report(out: Path | None) -> int:
@@ -314,10 +193,6 @@ def _report(out: Path | None) -> int:
     for page in pages:
         print(f"written: {page}")
     return 0
-
-
-def _say(console: Console, words: str) -> None:
-    console.print(words, markup=False, highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

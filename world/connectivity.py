@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from world.feed import Snapshot
+from world.routes import hop_summary
 from world.terms import UNREACHABLE, Mode, seconds_of
 
 __all__ = ["Connectivity"]
@@ -18,6 +19,9 @@ class Connectivity:
     def __init__(self) -> None:
         self._present = 0
         self._connected = 0
+        self._counted = b""
+        self._now = 0, 0
+        """Robots that take part, and those that are connected, by presence and hops as in `_counted`."""
         self.max_hops = 0
         """Of the longest finite route to the MS so far."""
         self._absences = 0
@@ -28,12 +32,14 @@ class Connectivity:
 
     def add(self, snapshot: Snapshot) -> None:
         """Count one tick."""
-        # For the few robots of most runs a loop is faster than numpy.
-        for here, hops in zip(snapshot.present.tolist(), snapshot.hops.tolist(), strict=True):
-            self._present += here
-            if here and hops != UNREACHABLE:
-                self._connected += 1
-                self.max_hops = max(self.max_hops, hops)
+        key = snapshot.present.tobytes() + snapshot.hops.tobytes()
+        if key != self._counted:  # in most ticks nothing has changed
+            self._counted = key
+            connected, most, _ = hop_summary(snapshot)
+            self._now = int(snapshot.present.sum()), connected
+            self.max_hops = max(self.max_hops, most)
+        self._present += self._now[0]
+        self._connected += self._now[1]
         if _AWAY in snapshot.mode or self._since:
             self._add_absences(snapshot)
 
@@ -48,7 +54,7 @@ class Connectivity:
 
     @property
     def fraction(self) -> float:
-        """Share of the robot ticks with a finite route to the MS, 0..1; 0 if no robot took part."""
+        """Share of the robot ticks that were connected (`world.routes.connected`), 0..1; 0 if no robot took part."""
         return self._connected / self._present if self._present else 0.0
 
     @property

@@ -1,4 +1,4 @@
-"""Every random stream of a run, in one table: each is a function of the run's seed and of what it is for.
+"""Every random stream of a run, in one list: each is a function of the run's seed and of what it is for.
 
 Nothing else in the packages makes a generator, so no two streams share their numbers, and who draws from one changes no
 other (Salmon et al. 2011 for the counter-based ones).

@@ -45,7 +45,7 @@ class Scratch:
             also: further files that go with it.
 
         Raises:
-            ScratchError: there is no place for it.
+            ScratchError: there is no room for it.
         """
         base = _base()
         _sweep(base)

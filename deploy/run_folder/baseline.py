@@ -77,5 +77,5 @@ def _times_s(folder: Path, summary: Mapping[str, Any]) -> dict[str, float | None
     """The search times of a summary, by cell."""
     times_s = summary.get("search_time_s") or {}
     if not isinstance(times_s, dict) or not all(type(time_s) in (float, int, NoneType) for time_s in times_s.values()):
-        raise ScenarioError(f"{shown(folder / 'summary.json')}: search_time_s is not a table of times")
+        raise ScenarioError(f"{shown(folder / 'summary.json')}: search_time_s is not a mapping of names to times")
     return times_s

@@ -115,7 +115,7 @@ def summary_of(
 
 
 def shortfall(summary: Mapping[str, Any]) -> str | None:
-    """One line on a run that the world ended before it was searched, out of time or interrupted; else None."""
+    """One line on a run that ended for want of a process or of robots; None if it ended in any other way."""
     if meaning_of(summary["status"]).as_asked:
         return None
     return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"

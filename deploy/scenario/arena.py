@@ -133,8 +133,7 @@ def _station(tables: Tables, parts: NDArray[np.int32], geometry: GridGeometry) -
 
 
 def _free(occupied: NDArray[np.bool_], geometry: GridGeometry, place: Point) -> bool:
-    col = math.floor((place[0] - geometry.x0_m) / geometry.resolution_m)
-    row = math.floor((place[1] - geometry.y0_m) / geometry.resolution_m)
+    row, col = geometry.cell(*place)
     return 0 <= row < geometry.rows and 0 <= col < geometry.cols and not occupied[row, col]
 
 

@@ -72,7 +72,7 @@ def _save(figure: Figure, path: Path) -> Path:
 
 
 def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
-    """Fig. 6: search rate of each cell against elapsed time, a panel for each N."""
+    """Fig. 6 [paper 8.3]: search rate of each cell against elapsed time, a panel for each N."""
     shown = usable(rows)
     fleets = sorted({row["robots"] for row in shown}, reverse=True)
     figure, axes = plt.subplots(1, max(1, len(fleets)), figsize=(9.5, 3.4), sharey=True, squeeze=False)
@@ -98,7 +98,7 @@ def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping
 
 
 def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
-    """Fig. 7: search time of all cells against transmission radius, a curve for each N, with the lower bounds."""
+    """Fig. 7 [paper 8.4]: search time of all cells against transmission radius, a curve for each N, and bounds."""
     figure, axis = plt.subplots(figsize=(7.2, 4.8))
     shown = usable(rows)
     fleets = sorted({row["robots"] for row in shown})
@@ -138,7 +138,7 @@ class _Style:
 
 
 def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
-    """One N (and variant) of Fig. 7; a hollow point shows how many of its runs finished."""
+    """One N (and variant) of Fig. 7 [paper 8.4]; a hollow point shows how many of its runs finished."""
     radii, means, halves = [], [], []
     color = style.color
     for radius_m in sorted({row["radius_m"] for row in rows}):

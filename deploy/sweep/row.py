@@ -141,13 +141,7 @@ def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return row
 
 
-def one_thread() -> None:
-    """Keep numerical libraries from starting threads, since a study has a process per core."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-
-
-def end_with(lifeline: Any) -> None:
+def end_after(lifeline: Any) -> None:
     """End this process once the other end of a pipe is closed. Runs in a thread of a worker."""
     with contextlib.suppress(EOFError, OSError):
         lifeline.recv()

@@ -19,9 +19,10 @@ from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol
 
 from deploy.machine.interrupts import TO_ALL
+from deploy.machine.limits import one_thread
 from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
-from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
+from deploy.sweep.row import Engine, Finished, end_after, failed_row, run_point
 
 __all__ = ["CONNECT_S", "DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
 
@@ -126,7 +127,7 @@ def _begin_worker(lifeline: Connection) -> None:
     # Ctrl-C and the end of a terminal reach all its processes; only the study reacts.
     for number in TO_ALL:
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
+    threading.Thread(target=end_after, args=(lifeline,), name="lifeline", daemon=True).start()
     # A worker ends without a word, with its runs under way: what they have in temporary folders goes with it.
     scratch = _OF_WORKER.enter_context(Scratch())
     _OF_WORKER.enter_context(home_of_tempfile(scratch.path))

@@ -14,10 +14,10 @@ from agents.found_bodies import Found
 from agents.giving_way import GivingWay
 from agents.vds import STILL
 from deploy.simulation import Simulation
-from tests.helpers.errands import Place, walked
+from tests.helpers.errands import walked
 from tests.helpers.stage import Stage
 from world.grid import FREE, OCCUPIED
-from world.terms import Cls, Mode
+from world.terms import Cls, Mode, Place
 
 RADIUS_M = 0.25
 EAST: Place = (0.5, 0.0)

@@ -60,6 +60,7 @@ from monitor_station.core import Station
 from tests import ROOT
 from tests.fuzzing.samples import recorded, scenario
 from tests.helpers.report_runs import short_run
+from tests.oracles.forwarding_table import check_invariants
 from world.config import WorldConfig
 from world.control import Control
 from world.faults import jam_of, parse_fault
@@ -163,7 +164,7 @@ def _merge(rows: bytes) -> object:
     try:
         return table.merge(2, rows, table.next_hops(), STATION, 100)
     finally:
-        table.check_invariants()
+        check_invariants(table)
         for dst in table.known:
             assert 0 <= dst <= 4
             table.location_m(dst), table.target_m(dst), table.cls(dst)

@@ -12,9 +12,8 @@ from agents.vds import STILL, Vds, Velocity
 from deploy.scenario import load
 from deploy.simulation import Simulation
 from tests import ROOT
-from world.terms import Cls, Mode
+from world.terms import Cls, Mode, Place
 
-Place = tuple[float, float]
 ERRANDS: dict[int, list[tuple[float, Place]]] = {}
 """By robot: from when on it walks to which place; before the first it stands."""
 
