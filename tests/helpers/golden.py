@@ -19,7 +19,10 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     ),
     "sortie behind walls": (
         "cluttered_room",
-        {"robots": 4, "policy": "sortie", "radio.model": "disk_los", "duration_s": 100.0, "seed": 4},
+        {
+            "robots": 4, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.0,
+            "duration_s": 100.0, "seed": 4,
+        },
     ),
     "bodies": (
         "hospital_ward",
