@@ -11,6 +11,7 @@ from agents.announcer import Announcer
 from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.evidence import SensorModel
+from agents.giving_way import GivingWay
 from agents.map_downlink import MapCopy
 from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table
 from agents.own_reports import OwnReports
@@ -48,6 +49,7 @@ class Robot:
         """Called at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
         self.policy = policy(self.body)
+        self._giving_way = GivingWay(self.body)
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting, limited=config.bandwidth_limited)
@@ -93,10 +95,11 @@ class Robot:
             self._scan(sense)
         mark("mapping")
         action = self._action = self.policy.step()
+        velocity = self._giving_way.velocity(action)
         mark("planning")
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         room = Room(inbox, limited=self.config.bandwidth_limited)
-        return self._frames(tick, action, room), Motion(tick, *action.velocity_m_s, self._status(action))
+        return self._frames(tick, action, room), Motion(tick, *velocity, self._status(action))
 
     def _take_map(self, payload: bytes) -> None:
         chunk = MapChunk.decode(payload)

@@ -66,7 +66,9 @@ class Walker:
         """Whether the robot has left its path (something else moved it), or a wall stops it, or the map cuts it."""
         if self._used_tick != tick - 1:
             self._blocked_ticks = 0
-            return not self._map.clear_line(*at, *self._points[0])
+            return not self._planner.clear_line(at, self._points[0])
+        if self._planner.led_aside and not self._planner.clear_line(at, self._points[0]):
+            return True
         moved = math.dist(at, self._last_at) > 0.2 * step_m or math.dist(at, self._points[-1]) < step_m
         self._blocked_ticks = 0 if moved else self._blocked_ticks + 1
         if self._blocked_ticks >= _BLOCKED_TICKS:
@@ -94,16 +96,16 @@ class Walker:
 
     def _follow(self, tick: int, at: tuple[float, float], goal: tuple[float, float]) -> None:
         """Adapt the path to a goal that moved, and plan again only if no part of the path leads there."""
-        if self._map.clear_line(*at, *goal):
+        if self._planner.clear_line(at, goal):
             self._points = [goal]
             self._stretched = False
             return
         if self._used_tick == tick - 1 and self._points and math.dist(self._points[-1], goal) <= _JUMP_M:
-            if len(self._points) > 1 and self._map.clear_line(*self._points[-2], *goal):
+            if len(self._points) > 1 and self._planner.clear_line(self._points[-2], goal):
                 self._points[-1] = goal
                 self._stretched = True
                 return
-            if self._map.clear_line(*self._points[-1], *goal):
+            if self._planner.clear_line(self._points[-1], goal):
                 self._points.append(goal)
                 self._stretched = True
                 return
@@ -137,7 +139,7 @@ class Walker:
             low, high = first, len(path) - 1
             while low < high:
                 middle = (low + high + 1) // 2
-                if self._map.clear_line(*here, *path[middle]):
+                if self._planner.clear_line(here, path[middle]):
                     low = middle
                 else:
                     high = middle - 1

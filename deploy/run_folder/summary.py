@@ -94,6 +94,7 @@ def summary_of(
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
         "planned_absences": world.get("planned_absences", progress.connectivity.planned_absences if latest else None),
+        "blocked_moves": world.get("blocked_moves"),
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),

@@ -1,4 +1,4 @@
-"""Four short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
+"""Six short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
 
 A digest changes only in a commit of its own that says why.
 """
@@ -19,7 +19,17 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     ),
     "sortie behind walls": (
         "cluttered_room",
-        {"robots": 4, "policy": "sortie", "radio.model": "disk_los", "duration_s": 100.0, "seed": 4},
+        {
+            "robots": 4, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.0,
+            "duration_s": 100.0, "seed": 4,
+        },
+    ),
+    "bodies": (
+        "hospital_ward",
+        {
+            "robots": 10, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.25,
+            "duration_s": 60.0, "seed": 5, "fault": ["kill:3@15", "pause:4@25+5"],
+        },
     ),
     "noise and losses": (
         "office_floor",
@@ -42,6 +52,7 @@ DIGESTS: Final = {
     "vds": "e5aeef77b8f8fe4be0b6aa20dd50aa26c87c7f6ca24eaa364ab9dc2cdc289e9f",
     "scout behind walls": "37af168714656b4b65078548d2c5c5eb5c7752af9baf756f3b00cb8ba6f3e022",
     "sortie behind walls": "6a77f85bb451c1aefa2add3fa30ad3e2a75dc253513faf59385d54720fa8b537",
+    "bodies": "0827c566caf6c6cce93cf8679da6db1e736fcedcdb0027c35624ba11a6b8f652",
     "a poor radio": "782dcdb529e19140f0842d877ca23a8e608b1d892bcf16155dd298ff233e3818",
     "noise and losses": "8e1280805c164ba130f009f30996c46766d7640ae3855504772ffe3960129ad9",
 }

@@ -32,6 +32,7 @@ POOR_RADIO = (
     "--set", "radio.burst_share=0.1", "--set", "radio.bandwidth_bytes_s=5000", "--set", "radio.channel_bytes_s=20000",
 )  # fmt: skip
 """Everything that is off by default."""
+BODIES = ("--policy", "sortie", "--set", "body_radius_m=0.25", "--fault", "kill:2@8")
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -191,7 +192,7 @@ def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[...
 
 @pytest.mark.processes
 @pytest.mark.parametrize(
-    "options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los"), POOR_RADIO]
+    "options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los"), POOR_RADIO, BODIES]
 )
 def test_the_same_run_in_one_process_has_the_same_digest(
     start: Callable[..., Running], options: tuple[object, ...]
@@ -199,7 +200,17 @@ def test_the_same_run_in_one_process_has_the_same_digest(
     of_all = ("--robots", 3, "--duration", 20, "--no-recording", *options)
     many, one = (start(*of_all, *more) for more in ([], ["--in-process"]))
     assert many.ended()[0] == one.ended()[0] == 0
-    for key in ("trace_sha256", "status", "ticks", "search_rate", "connected_fraction", "scan_reports", "frames"):
+    told = (
+        "trace_sha256",
+        "status",
+        "ticks",
+        "search_rate",
+        "connected_fraction",
+        "scan_reports",
+        "frames",
+        "blocked_moves",
+    )
+    for key in told:
         assert many.summary()[key] == one.summary()[key], key
     assert not (many.out / "recording.rrd").exists()
 
