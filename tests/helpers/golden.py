@@ -52,7 +52,7 @@ DIGESTS: Final = {
     "vds": "e5aeef77b8f8fe4be0b6aa20dd50aa26c87c7f6ca24eaa364ab9dc2cdc289e9f",
     "scout behind walls": "37af168714656b4b65078548d2c5c5eb5c7752af9baf756f3b00cb8ba6f3e022",
     "sortie behind walls": "6a77f85bb451c1aefa2add3fa30ad3e2a75dc253513faf59385d54720fa8b537",
-    "bodies": "0827c566caf6c6cce93cf8679da6db1e736fcedcdb0027c35624ba11a6b8f652",
+    "bodies": "792583c6e503ded3389fedd728ae3d12727463c5503a504199a986a96bf8030a",
     "a poor radio": "782dcdb529e19140f0842d877ca23a8e608b1d892bcf16155dd298ff233e3818",
     "noise and losses": "8e1280805c164ba130f009f30996c46766d7640ae3855504772ffe3960129ad9",
 }
