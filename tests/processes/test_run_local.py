@@ -273,7 +273,7 @@ def test_an_agent_that_raises_is_named_with_its_last_words_while_the_run_goes_on
 def test_robots_that_all_raise_in_the_same_way_are_told_once(start: Callable[..., Running], policies: Path) -> None:
     environment = {"PYTHONPATH": str(policies)}
     running = start("--robots", 5, "--policy", "climbing:Climbs", "--no-recording", environment=environment)
-    status, _, errors = running.ended(90)
+    status, _, errors = running.ended()
     assert status == 1
     assert errors.count("Traceback") == 1
     assert errors.count("has had enough") == 3, "in the first line, and twice in the traceback"
