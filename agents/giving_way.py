@@ -22,7 +22,7 @@ from agents.body import Action, Body
 from agents.doorways import Doorways
 from world.terms import NOBODY, TICK_S, UNREACHABLE, Place, tick_of
 
-STILL: Final = (0.0, 0.0)
+STILL: Place = (0.0, 0.0)  # not Final: mypyc (2.4.1) takes a final tuple of zeros for one that was not set
 _DIRECTIONS: Final = 16
 _TURNS: Final = tuple(
     math.radians(360.0 / _DIRECTIONS * turn) for k in range(1, _DIRECTIONS // 2 + 1) for turn in (-k, k)
