@@ -112,7 +112,7 @@ def test_a_name_of_any_length_is_told_shortly() -> None:
         with pytest.raises(ScenarioError, match=r"xx|File name too long") as caught:
             load(name)
         assert str(caught.value).isprintable()
-        assert len(str(caught.value)) < 300
+        assert str(caught.value).count("x") < 100, "the list of known scenarios may be long, the name may not"
 
 
 @settings(max_examples=150, deadline=None)
