@@ -39,11 +39,9 @@ from world.grid import UNKNOWN, GridGeometry
 from world.messages import Motion, Report, Sense, Status, Stop
 from world.terms import STATION
 
-# Python 3.11's fork server does not take over sys.path. What it has imported, no child imports again.
-# An empty entry would be the working folder.
+# Python 3.11's fork server does not take over sys.path. An empty entry would be the working folder.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(["pytest", "tests.helpers.small_run"])
 BROKEN = 13
 """The seed of a world whose core raises."""
 
@@ -215,6 +213,8 @@ class SmallRun:
         self._operator: Session | None = None
 
     def start(self, *, absent: int | None = None) -> None:
+        # What the fork server has imported, no child imports again.
+        PROCESSES.set_forkserver_preload(["pytest", "tests.helpers.small_run"])
         self._start("medium", medium_process, self.medium, self.logins["medium"], users_of(self.logins))
         self.start_station("station")
         for node in range(1, self.world.robots + 1):

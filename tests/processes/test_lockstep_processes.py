@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import multiprocessing.forkserver
 import signal
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -16,13 +14,6 @@ from tests.helpers.small_run import BROKEN, BadSpeaker, small_run
 from world.messages import Motion, Sense, Status
 
 pytestmark = pytest.mark.processes
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_fork_server() -> Iterator[None]:
-    """Leave no fork server behind: a program has one only, and other tests need theirs with another environment."""
-    yield
-    multiprocessing.forkserver._forkserver._stop()  # type: ignore[attr-defined]
 
 
 def test_runs_to_its_time_limit_and_everybody_leaves() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from pathlib import Path
 
@@ -14,9 +13,6 @@ from deploy.processes.supervisor import Supervisor
 from tests.processes.test_supervisor import PRELOAD
 
 pytestmark = pytest.mark.processes
-
-# The first to start the fork server of a session decides what it imports.
-multiprocessing.set_forkserver_preload(PRELOAD)
 
 ALLOWED = tuple(sorted(os.sched_getaffinity(0)))
 
