@@ -17,6 +17,7 @@ cdef enum:
     ROW = 28
     INHERENT = 18
     ACK = 8
+    AHEAD = 16
     STATION = 0
 
 cdef double FARTHEST = 2**31 - 1
@@ -118,13 +119,17 @@ def update_possible(fields, int robots, long changes, uint64_t tick):
         robots: the highest node that can be named.
         changes: most changes of the MS's map.
     """
-    if type(fields) is not list or len(<list>fields) != 6:
+    if type(fields) is not list or not 6 <= len(<list>fields) <= 7:
         return False
-    _, nms, hold, version, rows, acks = <list>fields
+    _, nms, hold, version, rows, acks = (<list>fields)[:6]
     if type(rows) is not bytes or type(acks) is not bytes:
         return False
     if not (within(nms, -1, robots) and within(hold, -1, robots) and within(version, 0, changes)):
         return False
+    if len(<list>fields) == 7:
+        ahead = (<list>fields)[6]
+        if type(ahead) is not bytes or not acks or not ahead or not ahead_possible(ahead, robots, tick):
+            return False
     return acks_possible(acks, robots, tick)
 
 cdef bint within(object value, long low, long high) noexcept:
@@ -150,6 +155,29 @@ cdef bint acks_possible(bytes acks, int robots, uint64_t tick) noexcept:
             return False
         before = source
         raw += ACK
+    return raw == end
+
+cdef bint ahead_possible(bytes ahead, int robots, uint64_t tick) noexcept:
+    """The same of acknowledgements beyond gaps, each of one report at least."""
+    cdef const unsigned char* raw = <const unsigned char*>PyBytes_AS_STRING(ahead)
+    cdef const unsigned char* end = raw + PyBytes_GET_SIZE(ahead)
+    cdef int robot
+    cdef int64_t source, before = -1
+    cdef uint64_t newest, mask
+    while end - raw >= AHEAD:
+        robot = raw[0] | raw[1] << 8
+        source = <int64_t>robot << 16 | raw[2] | raw[3] << 8
+        newest = (raw[4] | raw[5] << 8 | raw[6] << 16 | <uint64_t>raw[7] << 24) + 1
+        mask = uint64_at(raw + 8)
+        if not 1 <= robot <= robots or source <= before or mask == 0:
+            return False
+        while mask:
+            newest += 1
+            mask >>= 1
+        if (source & 0xFFFF) + newest > tick:
+            return False
+        before = source
+        raw += AHEAD
     return raw == end
 
 cdef uint64_t uint64_at(const unsigned char* raw) noexcept:

@@ -11,9 +11,7 @@ from agents.dsdv import Router
 from agents.ms_distance import MsDistance
 from agents.own_map import OwnMap
 from agents.planner import Planner
-from world.terms import NOBODY, Cls, Mode
-
-Place = tuple[float, float]
+from world.terms import NOBODY, Cls, Mode, Place
 
 
 @dataclass(slots=True, init=False)

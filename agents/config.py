@@ -16,8 +16,8 @@ Count = Annotated[int, Ge(1), Le(MOST)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 KM_H = 1 / 3.6
-_MOST_POWER: Final = 300.0
-"""Of ten, that is still a number."""
+MOST_DECADES: Final = 300.0
+"""The largest exponent of ten that is used: 10^300 is still a finite double."""
 
 POWER_SMOOTHING_S: Final = 1.0
 """Time constant over which robots smooth received power where there is shadowing [paper 5.4]."""
@@ -117,6 +117,8 @@ class Reporting:
     resend_min_s: Positive = 1.0
     chunk_cells: Count = 2000
     """Most map changes that one frame carries."""
+    window: Count = 32
+    """Most reports of a robot that are under way to the MS where bandwidth is limited."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +167,45 @@ class Scouting:
         if model == "disk_los":
             return math.inf
         loss_db = wall_loss_db if self.wall_loss_db is None else self.wall_loss_db
-        factor: float = 10.0 ** min(loss_db / (10.0 * exponent), _MOST_POWER)
+        factor: float = 10.0 ** min(loss_db / (10.0 * exponent), MOST_DECADES)
         return factor
+
+
+@dataclass(frozen=True)
+class Sorties:
+    """Policy sortie (docs/sortie.md); each rule can be switched off alone."""
+
+    leave: bool = True
+    """Sortie: who is stopped near its frontier leaves the network for a while."""
+    stopped_ticks: Count = 15
+    """B stopped the robot for this long."""
+    budget_s: Positive = 40.0
+    """How long a sortie takes at most."""
+    budget_doublings: Annotated[int, Ge(0), Le(10)] = 3
+    """The budget doubles with every stall in a row, up to so often."""
+    pace_m_s: Positive = 0.4
+    """Mean speed that a robot reckons with, out and home."""
+    outward_share: Share = 0.4
+    """Share of the budget that the way to the first frontier may take."""
+    home_m: Positive = 0.6
+    """A robot this near to where it left is home."""
+    rest_s: NotNegative = 5.0
+    """Shortest time between two sorties."""
+    overdue_s: NotNegative = 60.0
+    """A robot that is not home this long after its time looks for the network by path recovery."""
+    join: bool = True
+    """Who is in need goes over to a neighbor that is nearer to its target."""
+    join_better_m: NotNegative = 2.0
+    join_most_s: Positive = 90.0
+    join_pause_s: NotNegative = 20.0
+    back: bool = True
+    """Whose way leads through deeper places than both its ends goes back up its chain."""
+    back_m: NotNegative = 5.0
+    """By how much deeper."""
+    depth: bool = True
+    """Who stalled in need takes shallower frontiers for a while."""
+    depth_m: NotNegative = 3.0
+    depth_s: NotNegative = 120.0
 
 
 @dataclass(frozen=True)
@@ -179,6 +218,7 @@ class Rules:
     exploring: Exploring = field(default_factory=Exploring)
     reporting: Reporting = field(default_factory=Reporting)
     scouting: Scouting = field(default_factory=Scouting)
+    sorties: Sorties = field(default_factory=Sorties)
 
     def check(self) -> None:
         """Check the rules that concern several fields.
@@ -219,6 +259,8 @@ class RobotConfig:
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0
     """Factor by which a wall in between makes a neighbor seem farther away: 1 = no difference, inf = it blocks."""
+    bandwidth_limited: bool = False
+    """Whether the radio may take less than the robot has to say; its inbox tells how much (medium/airtime.py)."""
     policy: str = "vds"
-    """Who decides: vds, scout, or module:Class (agents/policies.py)."""
+    """Who decides: vds, scout, sortie, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)

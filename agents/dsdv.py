@@ -26,6 +26,7 @@ class Router:
     """One DSDV node."""
 
     def __init__(self, config: RobotConfig, rng: random.Random, quiet_until: int) -> None:
+        self.config = config
         self.node = config.node
         self.limits = Limits(config)
         self.table = ForwardingTable(config.node, config.robots)
@@ -63,7 +64,8 @@ class Router:
                 continue
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
-            neighbor.acks = update.acks
+            if update.acks:  # a neighbor whose radio is limited does not say them in every update
+                neighbor.acks, neighbor.ahead = update.acks, update.ahead
             neighbor.ms_freshness = ms_freshness
 
     def announce_self(

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 from agents.config import Exploring
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
-from world.terms import TICK_S
-
-Place = tuple[float, float]
+from world.terms import Place, tick_of
 
 _LIMITS_M: Final = 12.0, 48.0, math.inf
 """`select` searches only so far at first: no frontier beyond a limit can beat one that scores utility - limit."""
@@ -45,11 +43,6 @@ def score(
     return worth
 
 
-def ticks(seconds: float) -> int:
-    """Whole ticks of a duration."""
-    return round(seconds / TICK_S)
-
-
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Explorer:
     """Target of one search robot, and its memory of stalls."""
@@ -60,7 +53,8 @@ class Explorer:
         self._planner = planner
         self._rng = rng
         self._taboo: list[tuple[float, float, int]] = []
-        self._stalls = 0
+        self.stalls = 0
+        """Stalls in a row: since enough new cells were seen."""
         self._new_cells = 0
         self._moved_from: tuple[Place, int] | None = None
         self._shortened_from: tuple[Place, float, int] | None = None
@@ -74,7 +68,7 @@ class Explorer:
         self._new_cells += cells
         if self._new_cells >= self._rules.progress_cells:
             self._new_cells = 0
-            self._stalls = 0
+            self.stalls = 0
 
     def rest(self) -> None:
         """Start both stall limits anew: something other than the search moved the robot."""
@@ -93,7 +87,7 @@ class Explorer:
         if not cells.size:
             return None
         places = self._map.geometry.centers(cells)
-        allowed = self._allowed(tick, places)
+        allowed = self.allowed(tick, places)
         source = self._planner.nearest_free(self._map.geometry.index(*at))
         for limit_m in _LIMITS_M:
             reach = self._planner.reach(source, limit_m)
@@ -109,9 +103,9 @@ class Explorer:
         if not reached.size:
             return None
         # Every frontier is taboo: take the best of all, and perhaps walk back first [paper 6.6].
-        if self._stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
+        if self.stalls >= self._rules.retreat_after and self._rng.random() < self._rules.retreat_probability:
             seconds = self._rng.uniform(self._rules.retreat_min_s, self._rules.retreat_max_s)
-            self.retreat_until = tick + ticks(seconds)
+            self.retreat_until = tick + tick_of(seconds)
         worth = score(places[reached], lengths[reached], others_m, self._rules)
         return self._place(places, reached[int(np.argmax(worth))]), reach
 
@@ -122,9 +116,10 @@ class Explorer:
 
     def is_taboo(self, tick: int, place: Place) -> bool:
         """Whether a stall near this place is still remembered."""
-        return not self._allowed(tick, np.array([place]))[0]
+        return not self.allowed(tick, np.array([place]))[0]
 
-    def _allowed(self, tick: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def allowed(self, tick: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) whether no stall near a place is still remembered."""
         self._taboo = [t for t in self._taboo if t[2] > tick]
         allowed = np.ones(len(places), bool)
         for x, y, _ in self._taboo:
@@ -142,10 +137,10 @@ class Explorer:
         if last is None or last[0] != target or remaining_m <= last[1] - rules.stall_path_m:
             last = self._shortened_from = (target, remaining_m, tick)
         move_s, path_s = self.patience_s
-        stuck = tick - self._moved_from[1] >= ticks(move_s) or tick - last[2] >= ticks(path_s)
+        stuck = tick - self._moved_from[1] >= tick_of(move_s) or tick - last[2] >= tick_of(path_s)
         if stuck:
-            seconds = rules.taboo_s * self._rng.uniform(0.5, 1.5) * 2.0 ** min(self._stalls, 4)
-            self._taboo.append((*target, tick + ticks(seconds)))
-            self._stalls += 1
+            seconds = rules.taboo_s * self._rng.uniform(0.5, 1.5) * 2.0 ** min(self.stalls, 4)
+            self._taboo.append((*target, tick + tick_of(seconds)))
+            self.stalls += 1
             self.rest()
         return stuck

@@ -11,7 +11,7 @@ so no loop can arise [paper 3.6]. A node that is back, but has not taken its fir
 (ARCHITECTURE.md). A broken entry (hop count 255, odd number) is kept, not deleted.
 
 The columns are arrays, and the destination's id is the index. A node merges degree x N rows in every tick, and most of
-them are old news; an index finds that out sooner than a hash does.
+them are no fresher than its own entries; an index shows that sooner than a hash does.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ _INHERENT_BYTES: Final = 18
 _PER_METRE: Final = 100_000.0
 """Coordinates travel in steps of 10 um, up to 21 km. With coarser steps a robot at a wall seems to stand in it."""
 
-
 _CLS_BIT: Final = 1
 _NEED_BIT: Final = 2
 
@@ -48,11 +47,6 @@ def freshness_of(seqno: int, hop: int) -> int:
 def hop_of(freshness: int) -> int:
     """Hop count of an entry; UNREACHABLE for an unknown one."""
     return UNREACHABLE - (freshness & 255) if freshness >= 0 else UNREACHABLE
-
-
-def _possible(freshness: int) -> bool:
-    """Whether the hop count is infinite if and only if the number is odd."""
-    return (freshness & 256 == 0) == (freshness & 255 > 0)
 
 
 class ForwardingTable:
@@ -172,17 +166,6 @@ class ForwardingTable:
                 self._next_hop[dst] = NOBODY
                 self._freshness[dst] = (self._freshness[dst] >> 8) + 1 << 8
 
-    def advertised(self) -> bytes:
-        """Encode the whole table as a sequence of ROW, in the order in which destinations became known."""
-        return _rows.advertised(self.known, self._freshness, self._inherent)
-
-    def check_invariants(self) -> None:
-        """Raise AssertionError if the columns contradict one another."""
-        size = len(self._freshness)
-        assert len(self._next_hop) == size, "columns of different length"
-        assert len(self._inherent) == size * _INHERENT_BYTES, "columns of different length"
-        assert sorted(self.known) == [dst for dst in range(size) if self._freshness[dst] >= 0], "known, or not?"
-        for dst in range(size):
-            finite = hop_of(self._freshness[dst]) < UNREACHABLE
-            assert (self._next_hop[dst] != NOBODY) == finite, f"a route to {dst} without next hop, or the reverse"
-            assert dst not in self.known or _possible(self._freshness[dst]), f"number and metric of {dst} disagree"
+    def advertised(self, known: list[int] | None = None) -> bytes:
+        """Encode known destinations as a sequence of ROW; None: all, in the order in which they became known."""
+        return _rows.advertised(self.known if known is None else known, self._freshness, self._inherent)

@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 from agents import _cells
 from agents.messages import MapChunk
 from agents.neighbors import Neighbors
+from agents.room import Room
 from bus.codec import WireError
+from medium.messages import BROADCAST, Frame
 
 _PATIENCE_TICKS: Final = 4
 """A child's update shows two ticks after a chunk was sent that it arrived; after this long the chunk is sent again."""
+_LIMITED_PATIENCE_TICKS: Final = 10
+"""The same where bandwidth is limited: a child may not send an update in every tick."""
+_FEWEST_CHANGES: Final = 40
+"""A frame has at least so many where bandwidth is limited, if a share has room for them and the child lacks them."""
 
 
 class MapDownlink:
@@ -38,23 +44,51 @@ class MapDownlink:
         self._values[self.version : end] = values
         self.version = end
 
-    def due(self, tick: int, children: list[int], neighbors: Neighbors) -> list[tuple[int, bytes]]:
-        """(child, payload) for each child that lags."""
+    def due(self, tick: int, children: list[int], neighbors: Neighbors, room: Room) -> list[Frame]:
+        """A frame for each child that lags; with a limited radio as many as fit, for all who hear them."""
+        if room.limited:
+            return self._due_to_all(tick, children, neighbors, room)
         out = []
         encoded: dict[int, bytes] = {}
         for child in children:
-            start = neighbors.by_id[child].map_version
-            sent_to, sent_tick = self._sent.get(child, (0, -_PATIENCE_TICKS))
-            if tick - sent_tick < _PATIENCE_TICKS:
-                start = max(start, sent_to)
+            start = self._start(tick, child, neighbors, _PATIENCE_TICKS)
             if start >= self.version:
                 continue
             end = min(start + self._chunk_cells, self.version)
             if start not in encoded:
-                encoded[start] = MapChunk(start, self._cells[start:end], self._values[start:end]).encode()
+                encoded[start] = self._encoded(start, end)
             out.append((child, encoded[start]))
             self._sent[child] = (end, tick)
         return out
+
+    def _due_to_all(self, tick: int, children: list[int], neighbors: Neighbors, room: Room) -> list[Frame]:
+        """Each frame helps every child whose next change is in it. Who was sent to least lately comes first."""
+        starts = {child: self._start(tick, child, neighbors, _LIMITED_PATIENCE_TICKS) for child in children}
+        out: list[Frame] = []
+        for child in sorted(children, key=lambda child: self._sent.get(child, (0, -1))[1]):
+            start = starts[child]
+            fits = (room.left - MapChunk.HEAD_BYTES) // MapChunk.CHANGE_BYTES
+            end = min(start + min(self._chunk_cells, fits), self.version)
+            fewest = min(_FEWEST_CHANGES, room.share // MapChunk.CHANGE_BYTES, self.version - start)
+            if end - start < max(fewest, 1):
+                continue
+            payload = self._encoded(start, end)
+            room.take(len(payload))
+            out.append((BROADCAST, payload))
+            for other, first in starts.items():
+                if start <= first < end:
+                    starts[other] = end
+                    self._sent[other] = (end, tick)
+        return out
+
+    def _start(self, tick: int, child: int, neighbors: Neighbors, patience: int) -> int:
+        """The first change that a child lacks, as far as is known."""
+        start = neighbors.by_id[child].map_version
+        sent_to, sent_tick = self._sent.get(child, (0, -patience))
+        return max(start, sent_to) if tick - sent_tick < patience else start
+
+    def _encoded(self, start: int, end: int) -> bytes:
+        return MapChunk(start, self._cells[start:end], self._values[start:end]).encode()
 
 
 class MapCopy(MapDownlink):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,13 @@ from world.terms import MAX_NODE, MAX_TICK, NOBODY, Cls
 
 ACK: Final = struct.Struct("<HHI")
 """Robot, incarnation, number: the MS has all scan reports of that incarnation up to that number."""
+
+AHEAD: Final = struct.Struct("<HHIQ")
+"""Robot, incarnation, number, mask: bit b says that the MS has report number + 2 + b, though it lacks number + 1.
+It goes with the ACK of that number, where bandwidth is limited (selective acknowledgement: RFC 2018)."""
+
+AHEAD_NUMBERS: Final = 64
+"""Numbers that a mask covers."""
 
 _U4: Final = np.dtype("<u4")
 _I1: Final = np.dtype("i1")
@@ -54,17 +61,21 @@ class Update:
     rows: bytes
     """A sequence of agents.forwarding_table.ROW; `ForwardingTable.merge` checks it."""
     acks: bytes
-    """A sequence of ACK that belongs to the MS's entry."""
+    """A sequence of ACK that belongs to the MS's entry; empty: nothing is said of them."""
+    ahead: bytes
+    """A sequence of AHEAD that goes with `acks`."""
 
-    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes) -> None:
+    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes, ahead: bytes = b"") -> None:
         self.nms = nms
         self.hold = hold
         self.map_version = map_version
         self.rows = rows
         self.acks = acks
+        self.ahead = ahead
 
     def encode(self) -> bytes:
-        return pack((UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks))
+        fields = UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks
+        return pack((*fields, self.ahead) if self.ahead else fields)
 
     @staticmethod
     def decode(data: bytes, robots: int = MAX_NODE, changes: int = MAX_TICK, tick: int = MAX_TICK) -> Update:
@@ -82,13 +93,19 @@ class Update:
         fields = unpacked(data)
         if not _rows.update_possible(fields, robots, changes, tick):
             raise WireError("no update, or one with a node, a number or acknowledgements that can't be")
-        _, nms, hold, version, rows, acks = fields
-        return Update(nms, hold, version, rows, acks)
+        _, nms, hold, version, rows, acks, *ahead = fields
+        return Update(nms, hold, version, rows, acks, *ahead)
 
 
 @dataclass(slots=True, init=False)
 class ScanReport:
-    """What one lidar scan changed in its robot's map. It travels hop by hop to the MS."""
+    """What one lidar scan changed in its robot's map, or a part of that. It travels hop by hop to the MS."""
+
+    HEAD_BYTES: ClassVar[int] = 40
+    """Most that an encoded report takes beside its cells and victims."""
+    CELL_BYTES: ClassVar[int] = 5
+    VICTIM_BYTES: ClassVar[int] = 28
+    """Most that a victim takes."""
 
     origin: int
     incarnation: int
@@ -146,6 +163,11 @@ def one_hop_on(report: bytes) -> bytes | None:
     return pack((SCAN_REPORT, hops_left - 1, body)) if hops_left else None
 
 
+def body_of(onward: bytes) -> bytes:
+    """What `one_hop_on` passes on: the same for all copies of a report, however many hops they have left."""
+    return onward[3:]
+
+
 def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
     values = column(raw, _I1, length)
     assert isinstance(raw, bytes), "or else it is no column"
@@ -157,6 +179,10 @@ def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
 @dataclass(slots=True, init=False)
 class MapChunk:
     """The MS's map changes number `first` to `first` + n - 1, on their way down."""
+
+    HEAD_BYTES: ClassVar[int] = 20
+    """Most that an encoded chunk takes beside its changes."""
+    CHANGE_BYTES: ClassVar[int] = 5
 
     first: int
     cells: NDArray[np.uint32]

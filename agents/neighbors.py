@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
-from agents.config import RobotConfig
+from agents.config import MOST_DECADES, RobotConfig
 from agents.forwarding_table import hop_of
 from world.terms import NOBODY, TICK_S
 
@@ -27,6 +26,7 @@ class Neighbor:
     ms_freshness: int = -1
     """Freshness of its own entry for the MS (agents/forwarding_table.py)."""
     acks: bytes = b""
+    ahead: bytes = b""
 
     @property
     def ms_seqno(self) -> int:
@@ -37,10 +37,6 @@ class Neighbor:
     def ms_hop(self) -> int:
         """Its hop count to the MS."""
         return hop_of(self.ms_freshness)
-
-
-MOST_DECADES: Final = 300.0
-"""Beyond this, distances exceed the floating-point range."""
 
 
 class Neighbors:

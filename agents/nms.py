@@ -38,7 +38,9 @@ class MsRoute:
         self._shortcut_m = self._rules.shortcut_share * config.radius_m
         self._frozen_until = -1
         self.acks = b""
-        """Acknowledgements of the MS, from the last update of the NMS."""
+        """Acknowledgements of the MS (ACK), as the NMS said them last."""
+        self.ahead = b""
+        """Those beyond gaps (AHEAD), likewise."""
 
     @property
     def nms(self) -> int:
@@ -69,7 +71,8 @@ class MsRoute:
                 self._adopt(self._shortcut(tick))
         nms = self.nms
         if nms != NOBODY:
-            self.acks = self._neighbors.by_id[nms].acks
+            neighbor = self._neighbors.by_id[nms]
+            self.acks, self.ahead = neighbor.acks, neighbor.ahead
 
     def weak(self, tick: int) -> bool:
         """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""

@@ -9,7 +9,9 @@ from bus.codec import WireError
 from medium.messages import Inbox, Reception
 
 
-def sort_payloads(inbox: Inbox | None, handlers: Mapping[int, Callable[[bytes], None]]) -> tuple[list[Reception], int]:
+def sort_payloads(
+    inbox: Inbox | None, handlers: Mapping[int, Callable[[bytes], object]]
+) -> tuple[list[Reception], int]:
     """Hand each payload to the handler of its kind, in order of arrival; routing updates are for everyone.
 
     Args:

@@ -153,7 +153,7 @@ class Planner:
     def nearest_free(self, cell: int) -> int:
         """`cell` itself if it is known free, else the nearest cell that is; of several the one that became known first.
 
-        If no cell is known free, as after a lie of a peer's, it is `cell` too.
+        It is `cell`, too, if no cell is known free, as after a peer's lie.
 
         Cells that became known between two calls count in the order of their index.
         """

@@ -1,4 +1,4 @@
-"""Policy classes by their name in a scenario: `vds`, `scout`, or `module:Class`.
+"""Policy classes by their name in a scenario: `vds`, `scout`, `sortie`, or `module:Class`.
 
 For shells and scenarios: it imports what a user names. Cores are given the class.
 """
@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Mapping
 
 from agents.scout import Scout
+from agents.sortie import Sortie
 from agents.vds import Vds
+from bus.excerpt import shown
 
-_NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout}
+_NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout, "sortie": Sortie}
 
 
 class PolicyError(ValueError):
@@ -26,15 +29,20 @@ def policy_class(name: str) -> type[Vds]:
     """
     if name in _NAMED:
         return _NAMED[name]
-    module, colon, attribute = name.partition(":")
-    if not colon:
+    module, _, attribute = name.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), attribute)):
         raise PolicyError(f"should be one of {', '.join(_NAMED)}, or module:Class")
     if "" not in sys.path:
         sys.path.append("")  # a user's policy mostly lies in the folder where the run is started
     try:
         found = getattr(importlib.import_module(module), attribute, None)
-    except ImportError as error:
-        raise PolicyError(f"cannot import {module}: {error}") from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a module may raise anything, and end the process by SystemExit
+        why = str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
+        raise PolicyError(f"cannot import {shown(module)}: {shown(why, 150)}") from error
     if not (isinstance(found, type) and issubclass(found, Vds)):
-        raise PolicyError(f"{module} has no class {attribute} derived from agents.vds.Vds")
+        raise PolicyError(f"{shown(module)} has no class {shown(attribute)} derived from agents.vds.Vds")
+    if not isinstance(found.DEFAULTS, Mapping) or not all(isinstance(key, str) for key in found.DEFAULTS):
+        raise PolicyError(f"{shown(attribute)}.DEFAULTS is not a table of a scenario's keys")
     return found

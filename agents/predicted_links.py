@@ -10,9 +10,10 @@ import math
 
 from mypy_extensions import mypyc_attr
 
-from agents.body import Body, Place
+from agents.body import Body
+from agents.config import MOST_DECADES
 from agents.link_quality import LinkQuality
-from agents.neighbors import MOST_DECADES
+from world.terms import Place
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

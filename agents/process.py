@@ -6,8 +6,9 @@ import functools
 import logging
 
 from agents.config import RobotConfig
-from agents.policies import policy_class
+from agents.policies import PolicyError, policy_class
 from agents.robot import Robot
+from bus.excerpt import shown
 from bus.member import Member, exit_status
 from bus.session import Login
 from medium.messages import Inbox, Transmission
@@ -32,7 +33,10 @@ def run(config: RobotConfig, login: Login) -> None:
 
 
 def _run(config: RobotConfig, login: Login) -> None:
-    policy = policy_class(config.policy)
+    try:
+        policy = policy_class(config.policy)
+    except PolicyError as error:  # here, though not where the scenario was checked
+        raise SystemExit(f"policy = '{shown(config.policy)}': {error}") from error
     sense_of = functools.partial(Sense.decode, lidar_beams=config.lidar_beams)
     inbox_of = functools.partial(Inbox.decode, robots=config.robots)
     member = Member(login, "robot", config.node, sense_of, inbox_of)

@@ -7,11 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from agents.announcer import Announcer
 from agents.body import Action, Body
 from agents.config import RobotConfig
 from agents.map_downlink import MapCopy
-from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table, Update
+from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table
 from agents.payloads import sort_payloads
+from agents.room import Room
 from agents.scan_uplink import ScanUplink
 from agents.vds import Vds
 from bus.codec import WireError
@@ -46,8 +48,9 @@ class Robot:
         self.policy = policy(self.body)
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
-        self.uplink = ScanUplink(config.node, incarnation, reporting)
+        self.uplink = ScanUplink(config.node, incarnation, reporting, limited=config.bandwidth_limited)
         self.downlink = MapCopy(reporting.chunk_cells, config.geometry.blank(config.safety_zone_m))
+        self._announcer = Announcer(self.body.router)
         self._handlers: dict[int, Callable[[bytes], None]] = {
             SCAN_REPORT: self.uplink.carry,
             MAP_CHUNK: self._take_map,
@@ -74,7 +77,7 @@ class Robot:
         body.router.step(tick, updates)
         mark("routing")
         try:
-            self.uplink.acknowledge(body.router.ms.acks)
+            self.uplink.acknowledge(tick, body.router.ms.acks, body.router.ms.ahead)
         except WireError:
             self.bad_frames += 1
         if sense.ranges_m is not None:
@@ -83,7 +86,8 @@ class Robot:
         action = self._action = self.policy.step()
         mark("planning")
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
-        return self._frames(tick, action), Motion(tick, *action.velocity_m_s, self._status(action))
+        room = Room(inbox, limited=self.config.bandwidth_limited)
+        return self._frames(tick, action, room), Motion(tick, *action.velocity_m_s, self._status(action))
 
     def _take_map(self, payload: bytes) -> None:
         chunk = MapChunk.decode(payload)
@@ -107,18 +111,19 @@ class Robot:
         if cells.size or victims:
             self.uplink.make(cells.astype(np.uint32), values, victims)
 
-    def _frames(self, tick: int, action: Action) -> tuple[Frame, ...]:
+    def _frames(self, tick: int, action: Action, room: Room) -> tuple[Frame, ...]:
+        """What to send, most important first, as far as there is room: routing, acknowledgements, scans, the map."""
         router = self.body.router
         if tick < router.quiet_until:
             return ()
         ms, nms = router.ms, router.ms.nms
-        update = Update(nms, action.hold, self.downlink.version, router.table.advertised(), ms.acks)
-        frames: list[Frame] = [(BROADCAST, update.encode())]
+        update = self._announcer.update(tick, nms, action.hold, self.downlink.version, (ms.acks, ms.ahead), room)
+        frames: list[Frame] = [] if update is None else [(BROADCAST, update)]
         if nms != NOBODY:
-            frames += [(nms, payload) for payload in self.uplink.due(tick, ms.hops)]
+            frames += [(nms, payload) for payload in self.uplink.due(tick, ms.hops, room)]
         else:
             self.uplink.drop_carried()
-        frames += self.downlink.due(tick, router.inv, router.neighbors)
+        frames += self.downlink.due(tick, router.inv, router.neighbors, room)
         return tuple(frames)
 
     def _status(self, action: Action) -> Status:

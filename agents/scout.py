@@ -28,11 +28,10 @@ from typing import Any, ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from agents.body import Body, Place
-from agents.explorer import ticks
+from agents.body import Body
 from agents.predicted_links import PredictedLinks
 from agents.vds import STILL, Vds, Velocity
-from world.terms import NOBODY, TICK_S, Cls, Mode
+from world.terms import NOBODY, TICK_S, Cls, Mode, Place, tick_of
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -129,7 +128,7 @@ class Scout(Vds):
 
     @property
     def _needed_lately(self) -> bool:
-        return self.body.tick - self._needed_tick <= ticks(self._scouting.recall_s)
+        return self.body.tick - self._needed_tick <= tick_of(self._scouting.recall_s)
 
     def _stretch(self, cls: Cls) -> None:
         """Stretch: make r_in' longer for a chain in need."""

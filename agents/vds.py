@@ -17,11 +17,11 @@ from typing import Any, ClassVar
 import numpy as np
 from mypy_extensions import mypyc_attr
 
-from agents.body import Action, Body, Place
+from agents.body import Action, Body
 from agents.explorer import Explorer
 from agents.srrc import Classifier, eligible_msrs, farthest_msr
 from agents.walker import Walker
-from world.terms import NOBODY, Cls, Mode
+from world.terms import NOBODY, Cls, Mode, Place
 
 Velocity = tuple[float, float]
 

@@ -20,7 +20,7 @@ from bus.nodes import node_of_user, user_name
 __all__ = ["LEASE_MS", "Login", "credentials", "dictionary", "router_config", "rules", "users_of"]
 
 LEASE_MS: Final = 24 * 3600 * 1000
-"""A side of a link that is frozen for longer is taken for gone. Zenoh's 10 s would cost a paused robot its place, and a
+"""A side of a link that is frozen for longer is taken for gone. Zenoh's 10 s would cost a paused robot its seat, and a
 paused medium the run. A process that dies drops its links at once, whatever the lease."""
 
 MOST_BYTES: Final = 65_536

@@ -37,8 +37,8 @@ class Breaker:
         """The owner adds 1 before and after each put: odd while one is under way."""
         self.node = 0
         """For whom it is."""
-        place = endpoint.partition("/")[2]
-        self._here = {place, place.rpartition(":")[2]}
+        address = endpoint.partition("/")[2]
+        self._here = {address, address.rpartition(":")[2]}
         """Path of the router's socket, or its port."""
         self._cut = cut
         self._over = threading.Event()

@@ -1,7 +1,7 @@
 """Compiled loops carry the digest of their source, so that none that is out of date is ever used.
 
 A package's hot loops stand in `_NAME.pyx` files, their only form; each extension calls `check` as it is imported. An
-installed package has no source beside the extension, and nothing that could differ.
+installed package has no source beside the extension (pyproject.toml), so nothing could differ.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import importlib
 from pathlib import Path
 from typing import Final
 
-__all__ = ["LOOPS", "ROOT", "StaleLoopsError", "check", "complaint", "digest"]
+__all__ = ["LOOPS", "ROOT", "StaleLoopsError", "built_from", "check", "complaint", "digest"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 LOOPS: Final = (
@@ -23,6 +23,9 @@ LOOPS: Final = (
     "world.grid._lines",
 )
 """All files of compiled loops."""
+
+_BUILT_FROM: Final[dict[str, str]] = {}
+"""Digest of the source of all loops that this process has imported."""
 
 
 class StaleLoopsError(ImportError):
@@ -37,14 +40,22 @@ def digest(name: str) -> str:
     return hashlib.sha256(source.read_bytes() + (ROOT / "bus" / "built.pxi").read_bytes()).hexdigest()
 
 
-def check(name: str, built_from: str) -> None:
-    """Accept the loops `name` if they were built from the source that is there.
+def check(name: str, source: str) -> None:
+    """Accept the loops `name`, built from a source of that digest, if it is the source that is there.
 
     Raises:
         StaleLoopsError: they were not.
     """
-    if digest(name) not in ("", built_from):
+    if digest(name) not in ("", source):
         raise StaleLoopsError(f"{name} is out of date: run `make setup` in {ROOT}")
+    _BUILT_FROM[name] = source
+
+
+def built_from() -> dict[str, str]:
+    """By loops: the digest of the source that they were built from, in an installed package, too."""
+    for name in LOOPS:
+        importlib.import_module(name)
+    return {name: _BUILT_FROM[name] for name in LOOPS}
 
 
 def complaint() -> str:

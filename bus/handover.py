@@ -11,19 +11,20 @@ import json
 import types
 import typing
 from pathlib import Path
-from typing import Any, Final, TypeVar, Union, get_args, get_origin
+from typing import Any, Final, Union, get_args, get_origin
 
 import numpy as np
 
 from bus.access import Login
 from bus.excerpt import shown
+from bus.keys import check_run
 
 __all__ = ["UNFIT", "Handover", "build", "plain", "read", "write"]
 
 UNFIT: Final = (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 """What a file that is no such file may lead to."""
 
-C = TypeVar("C")
+_KINDS: Final = {int: "whole number", str: "text", bool: "true or false"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +51,7 @@ def read(path: Path, *, connect: str | None = None) -> Handover:
     try:
         content = json.loads(path.read_text())
         login = build(Login, content.pop("login"))
+        check_run(login.run)
     except UNFIT as error:
         raise ValueError(f"{shown(path)} is no credentials file: {shown(error, 200)}") from error
     if connect is not None:
@@ -95,5 +97,34 @@ def build(hint: Any, value: Any) -> Any:
         if not isinstance(value, dict):
             raise ValueError(f"no {hint.__name__} there")
         hints = typing.get_type_hints(hint, include_extras=True)
-        return hint(**{name: build(hints[name], item) for name, item in value.items()})
-    return float(value) if hint is float else value
+        return hint(**{name: _named(name, hints[name], item) for name, item in value.items()})
+    return _scalar(hint, value)
+
+
+def _named(name: str, hint: Any, value: Any) -> Any:
+    """A field; an error names it."""
+    try:
+        return build(hint, value)
+    except ValueError as error:
+        raise ValueError(f"{shown(name)}: {error}") from None
+
+
+def _scalar(hint: Any, value: Any) -> Any:
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is dict:
+        if not isinstance(value, dict):
+            raise ValueError(f"'{shown(value)}' is no table")
+        return {build(arguments[0], name): build(arguments[1], item) for name, item in value.items()}
+    if origin is typing.Literal:
+        if value not in arguments:
+            raise ValueError(f"'{shown(value)}' is none of {shown(', '.join(map(str, arguments)))}")
+        return value
+    if hint is float:
+        if type(value) not in (int, float):
+            raise ValueError(f"'{shown(value)}' is no number")
+        return float(value)
+    if hint in (int, str, bool) and type(value) is not hint:
+        raise ValueError(f"'{shown(value)}' is no {_KINDS[hint]}")
+    if isinstance(value, str) and value.encode(errors="ignore").decode() != value:
+        raise ValueError(f"'{shown(value)}' is no text")
+    return value

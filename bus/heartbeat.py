@@ -34,7 +34,7 @@ class Beat:
     token: int
     """Of the process."""
     spent_s: float
-    """Processor time of the process since it has turned from waiting to work."""
+    """Processor time of the process since it went from waiting to work."""
 
     def encode(self) -> bytes:
         return seal(Kind.DATA, self.token, _SPENT.pack(self.spent_s))
@@ -55,8 +55,8 @@ class Heartbeat:
 
     def __init__(self, token: int, put: Put) -> None:
         """Start the thread; `token` is of this process, and `put` sends a beat."""
-        self.turns = 1
-        """Its owner adds 1 whenever it turns from work to waiting or back: odd while it works."""
+        self.switches = 1
+        """Its owner adds 1 whenever it goes from work to waiting or back: odd while it works."""
         self._token, self._put = token, put
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
@@ -65,11 +65,11 @@ class Heartbeat:
     def _run(self) -> None:
         seen, since_s = 0, 0.0
         while not self._over.wait(BEAT_S):
-            turns = self.turns
-            if turns == seen and turns % 2:
+            switches = self.switches
+            if switches == seen and switches % 2:
                 self._put(Beat(self._token, time.process_time() - since_s).encode())
             else:
-                seen, since_s = turns, time.process_time()
+                seen, since_s = switches, time.process_time()
 
     def stop(self) -> None:
         """Send no more beats."""

@@ -82,7 +82,7 @@ def check_run(run: str) -> str:
     Raises:
         ValueError: it is empty, or has a character with a meaning in key expressions.
     """
-    if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() for c in run):
+    if not run or run.startswith("@") or any(c in "/*$?#" or c.isspace() or not c.isprintable() for c in run):
         raise ValueError(
             f"'{shown(run)}' can't name a run: a key chunk has none of / * $ ? # nor spaces, nor starts with @"
         )

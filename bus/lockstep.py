@@ -122,7 +122,7 @@ class Gather(Generic[T]):
 
 
 class Patience:
-    """How long a tick has waited for a silent node. A suspended host costs no node its place.
+    """How long a tick has waited for a silent node. A suspended host costs no node its seat.
 
     Wall time is counted in slices. A slice that took much longer than planned counts as one slice: the host was
     suspended, or the waiting process itself got no processor.

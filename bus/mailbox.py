@@ -127,7 +127,7 @@ class Mailbox:
             return None
         begun = self._begun.setdefault(key, {})
         if part == 0:
-            if len(begun) == _SENDERS:  # the older message will never be complete
+            if len(begun) == _SENDERS:  # its oldest message lacks a part that no longer comes
                 del begun[next(iter(begun))]
             begun[message] = []
         got = begun.get(message)

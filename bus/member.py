@@ -123,12 +123,7 @@ class Member(Generic[S, I]):
     """One process of a node, as it takes part in the ticks."""
 
     def __init__(
-        self,
-        login: Login,
-        role: str,
-        node: int,
-        sense: Callable[[bytes], S],
-        inbox: Callable[[bytes], I],
+        self, login: Login, role: str, node: int, sense: Callable[[bytes], S], inbox: Callable[[bytes], I]
     ) -> None:
         """Log in and join: the world admits this process at its next tick.
 
@@ -174,9 +169,9 @@ class Member(Generic[S, I]):
         """
         mark, heartbeat = self.phases.mark, self._heartbeat
         while True:
-            heartbeat.turns += 1
+            heartbeat.switches += 1
             message = self.mailbox.get(_POLL_S)
-            heartbeat.turns += 1
+            heartbeat.switches += 1
             if not self._joined:
                 self.phases.skip()
             mark("waiting")

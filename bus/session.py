@@ -55,7 +55,12 @@ def port_of(endpoint: str) -> int:
         BusError: it has no port.
     """
     port = endpoint.rpartition(":")[2]
-    if not endpoint.startswith("tcp/") or not port.isdecimal() or len(port) > 5 or not 0 < int(port) < 65_536:
+    if (
+        not endpoint.startswith("tcp/")
+        or not (port.isascii() and port.isdecimal())
+        or len(port) > 5
+        or not 0 < int(port) < 65_536
+    ):
         raise BusError(f"'{shown(endpoint)}' is not an endpoint such as tcp/127.0.0.1:7447")
     return int(port)
 
@@ -74,7 +79,9 @@ def require_free(endpoint: str) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise BusError(f"port {port} is not free on {host}: {error.strerror}") from error
+            raise BusError(f"port {port} is not free on {shown(host)}: {error.strerror}") from error
+        except ValueError:
+            raise BusError(f"'{shown(host)}' is no address") from None
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
@@ -144,7 +151,8 @@ class Session:
             },
         }
         os.environ["ZENOH_RUNTIME"] = _CLIENT_THREADS
-        return cls(_open(config, f"{login.user} can't log in at {login.endpoint} within {timeout_s:g} s"), login)
+        problem = f"{shown(login.user)} can't log in at {shown(login.endpoint)} within {timeout_s:g} s"
+        return cls(_open(config, problem), login)
 
     @classmethod
     def host(cls, login: Login, users: Mapping[str, str]) -> Session:
@@ -162,7 +170,7 @@ class Session:
             file.write(dictionary(users))
             file.flush()
             config = host_config(login.run, login.endpoint, users, Path(f"/proc/self/fd/{file.fileno()}"))
-            return cls(_open(config, f"can't host a router at {login.endpoint}"), login)
+            return cls(_open(config, f"can't host a router at {shown(login.endpoint)}"), login)
 
     def publisher(self, key: str, *, blocking: bool) -> Put:
         """Declare a publisher.
@@ -242,4 +250,4 @@ def _open(config: Mapping[str, Any], problem: str) -> zenoh.Session:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
         # Zenoh appends the file and line of its own source to the message.
-        raise BusError(f"{problem}: {str(error).partition(' at /')[0]}") from error
+        raise BusError(f"{problem}: {shown(str(error).partition(' at /')[0], 300)}") from error

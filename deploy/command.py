@@ -23,10 +23,11 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from bus.excerpt import shown
+from bus.numerals import decimal, whole
 from deploy.machine.interrupts import SIGNALS
 from deploy.machine.outlet import keep_writing, lost
 
-__all__ = ["INTERRUPTED", "ROOT", "Parser", "entry", "refuse", "require"]
+__all__ = ["INTERRUPTED", "ROOT", "Parser", "a_number", "a_whole_number", "entry", "refuse", "require"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 """The checkout."""
@@ -50,6 +51,22 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {shown(message, _LONGEST)} (--help lists the options)\n")
+
+
+def a_whole_number(text: str) -> int:
+    """Type of an option's value."""
+    try:
+        return whole(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{shown(text)}' is {error}") from None
+
+
+def a_number(text: str) -> float:
+    """Type of an option's value."""
+    try:
+        return decimal(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{shown(text)}' is {error}") from None
 
 
 def entry(main: Callable[[], int]) -> NoReturn:

@@ -177,7 +177,7 @@ class Emulation:
             self.wait_until(final, timeout_s)
         except EmulationError as error:
             names = ", ".join(verdict["fault"] for verdict in told) or "none"
-            raise EmulationError(f"no verdict on {of}; there are: {names}: {error}") from None
+            raise EmulationError(f"no verdict on {shown(of)}; there are: {shown(names, 300)}: {error}") from None
         return [verdict for verdict in told if is_of(verdict)][-1]
 
     @property
@@ -281,7 +281,7 @@ class Emulation:
     def _signal(self, who: int | str, number: signal.Signals) -> None:
         name = process_name(who) if isinstance(who, int) else who
         if name not in self.pids:
-            raise EmulationError(f"there is no {name} in this run: {', '.join(self.pids)}")
+            raise EmulationError(f"there is no {shown(name)} in this run: {shown(', '.join(self.pids), 300)}")
         os.kill(self.pids[name], number)
 
     def _take_in(self, timeout_s: float) -> None:

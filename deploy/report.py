@@ -35,25 +35,26 @@ def main(arguments: list[str] | None = None) -> int:
     from deploy.command import refuse, require
 
     require(Path(__file__))
+    from bus.excerpt import shown
     from deploy.page.comparison_page import comparison_page
     from deploy.page.html import GENERATOR
     from deploy.page.run_page import report_page
     from deploy.run_folder.reader import RunFilesError, read_run
     from world.own_file import ForeignFileError, require_own, write_whole
 
+    if options.compare is None:
+        out = options.out or options.run / "report.html"
+    else:
+        out = options.out or options.compare[1] / "comparison.html"
     try:
-        if options.compare is None:
-            out, page = options.run / "report.html", report_page(read_run(options.run))
-        else:
-            first, second = options.compare
-            out, page = second / "comparison.html", comparison_page(read_run(first), read_run(second))
-        out = options.out or out
+        runs = [read_run(path) for path in options.compare or [options.run]]
+        page = report_page(*runs) if options.compare is None else comparison_page(*runs)
         require_own(out, GENERATOR)
         write_whole(out, page)
     except (RunFilesError, ForeignFileError) as error:
         return refuse("report.py", error)
     except OSError as error:
-        return refuse("report.py", f"{out}: can't write there: {error.strerror}")
+        return refuse("report.py", f"{shown(out)}: can't write there: {error.strerror}")
     print(f"report: {out}")
     return 0
 

@@ -33,15 +33,15 @@ class BadInputError(Exception):
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser
+    from deploy.command import Parser, a_number, a_whole_number
 
     p = Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
-    p.add_argument("--robots", type=int, metavar="N", help="how many robots (default: the scenario's)")
+    p.add_argument("--robots", type=a_whole_number, metavar="N", help="how many robots (default: the scenario's)")
     p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
-    p.add_argument("--radius", type=float, metavar="M", help="transmission radius r_t in metres")
-    p.add_argument("--seed", type=int, metavar="N", help="of everything random")
+    p.add_argument("--radius", type=a_number, metavar="M", help="transmission radius r_t in metres")
+    p.add_argument("--seed", type=a_whole_number, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
-    p.add_argument("--duration", type=float, metavar="S", help="simulated seconds after which the run ends")
+    p.add_argument("--duration", type=a_number, metavar="S", help="simulated seconds after which the run ends")
     p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's), scout, or module:Class")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
     p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
@@ -58,13 +58,18 @@ def parser() -> Parser:
     )
     p.add_argument("--overwrite", action="store_true", help="--out may be an earlier run's folder: replace that run")
     p.add_argument(
-        "--port", type=int, metavar="N", help="TCP port of the run's router (default: a free one, or a socket)"
+        "--port",
+        type=a_whole_number,
+        metavar="N",
+        help="TCP port of the run's router (default: a free one, or a socket)",
     )
     p.add_argument("--live", action="store_true", help="let a Rerun viewer watch while the run goes on")
     p.add_argument("--in-process", action="store_true", help="the same run in this one process, without a bus")
     p.add_argument("--no-recording", action="store_true", help="leave no recording.rrd")
     p.add_argument("--plain-scheduling", action="store_true", help="leave it to the kernel where processes run")
-    p.add_argument("--owner", type=int, metavar="PID", help=argparse.SUPPRESS)  # end as soon as that process is gone
+    p.add_argument(
+        "--owner", type=a_whole_number, metavar="PID", help=argparse.SUPPRESS
+    )  # end as soon as that process is gone
     p.add_argument("-q", "--quiet", action="store_true", help="show nothing but what failed")
     return p
 
@@ -77,12 +82,16 @@ def main(arguments: list[str] | None = None) -> int:
 
     interrupts = Interrupts()
     if options.owner is not None:
-        end_with(options.owner)
+        try:
+            end_with(options.owner)
+        except ValueError as error:
+            return refuse("run_local.py", f"--owner {options.owner}: {error}")
     require(Path(__file__))
     with contextlib.ExitStack() as held:
         try:
-            if options.live and (options.no_recording or options.in_process):
-                raise BadInputError("--live watches real processes record: not with --in-process or --no-recording")
+            _refuse_in_process(options)
+            if options.live and options.no_recording:
+                raise BadInputError("--live watches the station record: not with --no-recording")
             scenario = _scenario(options)
             baseline = _baseline(options.compare, scenario)
             endpoint = None if options.port is None else _endpoint(options.port)
@@ -95,6 +104,23 @@ def main(arguments: list[str] | None = None) -> int:
         except BadInputError as error:
             return refuse("run_local.py", error)
         return _run(options, scenario, endpoint, folder, scratch, interrupts)
+
+
+def _refuse_in_process(options: argparse.Namespace) -> None:
+    if not options.in_process:
+        return
+    of_processes = {
+        "--hold": options.hold,
+        "--speed": options.speed not in (None, "max"),
+        "--port": options.port is not None,
+        "--live": options.live,
+        "--plain-scheduling": options.plain_scheduling,
+    }
+    for name, given in of_processes.items():
+        if given:
+            raise BadInputError(
+                f"{name} is for real processes: not with --in-process, a run as fast as the machine can"
+            )
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
@@ -132,10 +158,13 @@ def _baseline(folder: Path | None, scenario: Scenario) -> Baseline | None:
 
 
 def _speed(text: str | None) -> str | float | None:
+    from bus.excerpt import shown
+    from bus.numerals import decimal
+
     try:
-        return text if text is None or text == "max" else float(text)
+        return text if text is None or text == "max" else decimal(text)
     except ValueError:
-        raise BadInputError(f"--speed {text}: expected max or a number") from None
+        raise BadInputError(f"--speed {shown(text)}: expected max or a number") from None
 
 
 def _endpoint(port: int) -> str:
@@ -180,9 +209,9 @@ def _scratch(folder: RunFolder) -> Scratch:
     from deploy.machine.scratch import Scratch, ScratchError
     from deploy.processes.operator_file import OPERATOR
 
-    place = folder.path.resolve()
+    path = folder.path.resolve()
     try:
-        return Scratch([place / OPERATOR, place / f"{OPERATOR}.part"])
+        return Scratch([path / OPERATOR, path / f"{OPERATOR}.part"])
     except ScratchError as error:
         folder.discard()
         raise BadInputError(str(error)) from error
@@ -206,6 +235,10 @@ def _run(
     if scenario.remark:
         view.line(scenario.remark)
     if scratch is None:
+        if scenario.speed:
+            view.line(
+                f"the scenario's speed = {scenario.speed:g} is for real processes: this run is as fast as it can be"
+            )
         from deploy.in_process import run_in_process
 
         summary, failures = run_in_process(

@@ -10,12 +10,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from medium.airtime import Airtime
 from medium.config import MediumConfig
+from medium.fading import Bursts
 from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
 from medium.propagation import Propagation
 from world.messages import Positions
 from world.seeds import Stream, sequence
-from world.terms import TICK_S
 
 _TICK: Final = struct.Struct("<IH")
 _FRAME: Final = struct.Struct("<HiI")
@@ -37,8 +38,8 @@ class Medium:
         self.delivered = 0
         self.rejected = 0
         self.sent_bytes = 0
-        rate = config.radio.bandwidth_bytes_s
-        self._budget_bytes = None if rate is None else rate * TICK_S
+        self._airtime = Airtime(config.radio)
+        self._bursts = Bursts(config.seed, config.robots, config.radio) if config.radio.burst_share > 0.0 else None
 
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]:
         """Carry the frames of tick k; returns the inboxes of tick k + 1, one for each node that transmitted.
@@ -49,44 +50,62 @@ class Medium:
         """
         ids = positions.nodes.tolist()
         self._record(positions, transmissions)
-        power, heard = self._propagation.received(positions.nodes, positions.xy_m)
+        power, heard = self._propagation.received(positions.nodes, positions.xy_m, positions.tick)
         self._jam(positions, heard)
-        loss = 1.0 - (1.0 - self._config.radio.loss) * (1.0 - positions.loss)
+        lost = self._chances(positions)
         inboxes: dict[int, list[Reception]] = {node: [] for node in ids if node in transmissions}
-        for src, levels, hears in zip(ids, power.tolist(), heard.tolist(), strict=True):
+        for src, levels, hears, losses in zip(ids, power.tolist(), heard.tolist(), lost.tolist(), strict=True):
             if src not in inboxes:
                 continue
             listeners = {
-                node: level
-                for node, level, hear in zip(ids, levels, hears, strict=True)
+                node: (level, loss)
+                for node, level, hear, loss in zip(ids, levels, hears, losses, strict=True)
                 if hear and (len(inboxes) == len(ids) or node in inboxes)
             }
-            for frame in self._within_budget(transmissions[src].frames):
-                self._deliver(src, frame, listeners, inboxes, loss)
-        return {node: Inbox(positions.tick + 1, tuple(heard_frames)) for node, heard_frames in inboxes.items()}
+            for frame in self._sent(src, transmissions[src].frames):
+                self._deliver(src, frame, listeners, inboxes)
+        self._airtime.refill(ids, heard)
+        told, tick = self._airtime.told, positions.tick + 1
+        return {node: Inbox(tick, tuple(heard_frames), *told(node)) for node, heard_frames in inboxes.items()}
+
+    def _chances(self, positions: Positions) -> NDArray[np.float64]:
+        """(n, n) probability that a frame is lost between two nodes: by the radio, a burst or a fault."""
+        nodes, radio = positions.nodes, self._config.radio
+        kept = np.full((len(nodes), len(nodes)), (1.0 - radio.loss) * (1.0 - positions.loss))
+        if self._bursts is not None:
+            kept[self._bursts.bad(positions.tick)[np.ix_(nodes, nodes)]] *= 1.0 - radio.burst_loss
+        return 1.0 - kept
 
     def _deliver(
-        self, src: int, frame: Frame, listeners: dict[int, float], inboxes: dict[int, list[Reception]], loss: float
+        self,
+        src: int,
+        frame: Frame,
+        listeners: dict[int, tuple[float, float]],
+        inboxes: dict[int, list[Reception]],
     ) -> None:
-        """Put a frame into the inboxes of those it is for; `listeners` are nodes, ascending, and the power at each."""
+        """Put a frame into the inboxes of those it is for.
+
+        Args:
+            src: who sent it.
+            frame: as sent.
+            listeners: by node, ascending: power there, and the chance that the frame is lost.
+            inboxes: by node.
+        """
         dst, payload = frame
         if dst != BROADCAST:
             listeners = {dst: listeners[dst]} if dst in listeners else {}
-        for node, level in listeners.items():
+        for node, (level, loss) in listeners.items():
             if loss == 0.0 or self._random.random() >= loss:
                 inboxes[node].append((src, level, payload))
                 self.delivered += 1
 
-    def _within_budget(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-        """The first frames, as many as the sender's bandwidth allows in one tick; the rest is rejected."""
-        if self._budget_bytes is not None:
-            left = self._budget_bytes
-            for k, (_, payload) in enumerate(frames):
-                left -= len(payload)
-                if left < 0:
-                    self.reject(len(frames) - k)
-                    frames = frames[:k]
-                    break
+    def _sent(self, src: int, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+        """The first frames, as many as the sender has airtime for; the rest is rejected."""
+        for k, (_, payload) in enumerate(frames):
+            if not self._airtime.spend(src, len(payload)):
+                self.reject(len(frames) - k)
+                frames = frames[:k]
+                break
         self.sent += len(frames)
         for _, payload in frames:
             self.sent_bytes += len(payload)

@@ -13,7 +13,11 @@ from world.terms import MAX_NODE, MAX_TICK
 BROADCAST: Final = -1
 """Link-layer destination of a frame that every node in range receives."""
 
-_TICK: Final = struct.Struct("<I")
+UNLIMITED: Final = 2**32 - 1
+"""Bytes that a node may send where there is no limit."""
+
+_HEAD: Final = struct.Struct("<III")
+"""Head of an inbox: tick, room and share."""
 
 
 Frame: TypeAlias = tuple[int, bytes]
@@ -58,20 +62,32 @@ class Inbox:
 
     tick: int
     receptions: tuple[Reception, ...]
+    room_bytes: int
+    """What the node's radio takes in this tick."""
+    share_bytes: int
+    """What each tick adds to that; the radio keeps what the node leaves unsent, for a while (medium/airtime.py)."""
 
-    def __init__(self, tick: int, receptions: tuple[Reception, ...]) -> None:
+    def __init__(
+        self,
+        tick: int,
+        receptions: tuple[Reception, ...],
+        room_bytes: int = UNLIMITED,
+        share_bytes: int = UNLIMITED,
+    ) -> None:
         self.tick = tick
         self.receptions = receptions
+        self.room_bytes = room_bytes
+        self.share_bytes = share_bytes
 
     def encode(self) -> bytes:
-        return _TICK.pack(self.tick) + _receptions.pack_receptions(self.receptions)
+        return _HEAD.pack(self.tick, self.room_bytes, self.share_bytes) + _receptions.pack_receptions(self.receptions)
 
     @staticmethod
     def decode(data: bytes, robots: int = MAX_NODE) -> Inbox:
         """`robots`: N, the highest node that can be heard."""
-        (tick,) = head(_TICK, data)
+        tick, room_bytes, share_bytes = head(_HEAD, data)
         integer(tick, 0, MAX_TICK)
-        receptions = _receptions.unpack_receptions(data, _TICK.size, robots)
+        receptions = _receptions.unpack_receptions(data, _HEAD.size, robots)
         if receptions is None:
             raise WireError("an inbox is a run of (node, finite power, payload)")
-        return Inbox(tick, receptions)
+        return Inbox(tick, receptions, room_bytes, share_bytes)

@@ -2,28 +2,21 @@
 
 Received power follows the log-distance path loss P_r = P_t - PL0 - 10 n log10(d / 1 m), after Rappaport, Wireless
 Communications, and ITU-R P.1238. `disk` and `disk_los` cut it off at the transmission radius. A robot that
-inverts the curve then knows the distance exactly [paper 5.3]. `log_distance` adds walls and shadowing, and cuts the
-power off at the sensitivity.
+inverts the curve then knows the distance exactly [paper 5.3]. `log_distance` adds walls, shadowing and fading, and cuts
+the power off at the sensitivity.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medium.config import MediumConfig
+from medium.config import NEAREST_M, MediumConfig
+from medium.fading import Fading
+from medium.shadowing import MOST_SIGMAS, Shadowing
 from world.grid.lines import walls_crossed
-from world.seeds import link_uniforms
-
-_NEAREST_M: Final = 0.01
-"""The curve has no value at distance 0."""
-
-_PLACE_M: Final = 1.0
-"""Shadowing is constant per link while both ends stay in squares of this size."""
 
 
 def distances_m(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -45,16 +38,25 @@ class Propagation:
         self._slope_db = 10.0 * radio.exponent
         self.sensitivity_dbm = self._at_1m_dbm - self._slope_db * math.log10(config.radius_m)
         """Mean power at the transmission radius."""
-        self._shadow_db = lru_cache(maxsize=100_000)(self._draw_shadow_db)
+        self._shadowing = Shadowing(config.seed, radio.shadowing_db, radio.shadowing_correlation_m)
+        self._fading = Fading(config.seed, config.robots, radio) if radio.fading != "none" else None
 
     def received(
-        self, nodes: NDArray[np.int16], xy_m: NDArray[np.float64]
+        self, nodes: NDArray[np.int16], xy_m: NDArray[np.float64], tick: int
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Power in dBm and audibility, both (n, n) and symmetric, of each node (row) at each other (column)."""
+        """Power in dBm and audibility, both (n, n) and symmetric, of each node (row) at each other (column).
+
+        Args:
+            nodes: (n,) ids, ascending.
+            xy_m: (n, 2) their places.
+            tick: of the frames; it must not fall from call to call.
+        """
         distance_m = distances_m(xy_m)
-        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, _NEAREST_M))
+        power = self._at_1m_dbm - self._slope_db * np.log10(np.maximum(distance_m, NEAREST_M))
         model = self._config.radio.model
         if model == "log_distance":
+            if self._fading is not None:
+                power += self._fading.power_db(tick)[np.ix_(nodes, nodes)]
             self._obstruct(power, nodes, xy_m)
             heard = power >= self.sensitivity_dbm
         else:
@@ -71,20 +73,12 @@ class Propagation:
 
     def _obstruct(self, power: NDArray[np.float64], nodes: NDArray[np.int16], xy_m: NDArray[np.float64]) -> None:
         radio = self._config.radio
-        # Shadowing is cut off at four sigma, so no other pair can be heard. Walls are counted for these pairs only.
-        hopeful = power + 4.0 * radio.shadowing_db >= self.sensitivity_dbm
+        # Shadowing is cut off, so no other pair can be heard. Walls are counted for these pairs only.
+        hopeful = power + MOST_SIGMAS * radio.shadowing_db >= self.sensitivity_dbm
         rows, cols = np.nonzero(np.triu(hopeful, 1))
         change = -radio.wall_loss_db * self._walls(xy_m, rows, cols)
         if radio.shadowing_db > 0.0:
-            ids = nodes.tolist()
-            places = np.floor(xy_m / _PLACE_M).astype(int).tolist()
-            links = zip(rows.tolist(), cols.tolist(), strict=True)
-            change = change + np.array([self._shadow_db(ids[i], ids[j], *places[i], *places[j]) for i, j in links])
+            links = list(zip(nodes[rows].tolist(), nodes[cols].tolist(), strict=True))
+            change = change + self._shadowing.db(links, xy_m[rows], xy_m[cols])
         power[rows, cols] += change
         power[cols, rows] = power[rows, cols]
-
-    def _draw_shadow_db(self, *link: int) -> float:
-        """X of one link between two squares. It is a hash, so that it does not depend on the order of visits."""
-        u, v = link_uniforms(self._config.seed, link)
-        normal = math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
-        return self._config.radio.shadowing_db * max(-4.0, min(4.0, normal))

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import random
 import struct
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.announcer import Announcer
 from agents.dsdv import Router
 from agents.map_downlink import MapDownlink
-from agents.messages import SCAN_REPORT, ScanReport, Update
+from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, ScanReport
 from agents.payloads import sort_payloads
+from agents.room import Room
 from bus.codec import WireError
 from medium.messages import BROADCAST, Frame, Inbox
 from monitor_station.config import StationConfig
@@ -38,6 +41,7 @@ class Station:
         quiet_until = node.rules.routing.quiet_until(incarnation, first_tick)
         self.config = config
         self.router = Router(node, rng, quiet_until)
+        self._announcer = Announcer(self.router)
         self.merger = MapMerger(node.geometry, node.safety_zone_m)
         self.downlink = MapDownlink(node.rules.reporting.chunk_cells)
         self.search = SearchRate(config.search_cells, node.geometry.size)
@@ -53,7 +57,12 @@ class Station:
         tick = self._tick = sense.tick
         self._journal.clear()
         reports: list[ScanReport] = []
-        updates, bad = sort_payloads(inbox, {SCAN_REPORT: lambda payload: reports.append(ScanReport.decode(payload))})
+        handlers: dict[int, Callable[[bytes], object]] = {
+            SCAN_REPORT: lambda payload: reports.append(ScanReport.decode(payload)),
+            # The own map comes back where robots with a limited radio pass it on to all who hear them.
+            MAP_CHUNK: MapChunk.decode,
+        }
+        updates, bad = sort_payloads(inbox, handlers)
         self.bad_frames += bad
         merged = [self._merge(tick, report) for report in reports]
         if merged or not sense.first:
@@ -65,7 +74,7 @@ class Station:
             tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims)),
             silent=tick < self.router.quiet_until,
         )  # fmt: skip
-        return self._frames(tick), report
+        return self._frames(tick, Room(inbox, limited=self.config.node.bandwidth_limited)), report
 
     def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
         try:
@@ -93,13 +102,14 @@ class Station:
         values = np.concatenate([np.zeros(0, np.int8), *(v for _, v in changes)])
         return cells, values
 
-    def _frames(self, tick: int) -> tuple[Frame, ...]:
+    def _frames(self, tick: int, room: Room) -> tuple[Frame, ...]:
         router = self.router
         if tick < router.quiet_until:
             return ()
-        update = Update(NOBODY, NOBODY, self.downlink.version, router.table.advertised(), self.merger.acks())
-        frames: list[Frame] = [(BROADCAST, update.encode())]
-        frames += self.downlink.due(tick, router.inv, router.neighbors)
+        acks = self.merger.acks(), self.merger.ahead() if room.limited else b""
+        update = self._announcer.update(tick, NOBODY, NOBODY, self.downlink.version, acks, room)
+        frames: list[Frame] = [] if update is None else [(BROADCAST, update)]
+        frames += self.downlink.due(tick, router.inv, router.neighbors, room)
         return tuple(frames)
 
     def view(self) -> StationView:

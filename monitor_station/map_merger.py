@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.messages import ACK, ScanReport
+from agents.messages import ACK, AHEAD, AHEAD_NUMBERS, ScanReport
 from world.grid import GridGeometry
 
 
@@ -24,8 +24,12 @@ class MapMerger:
         """By robot, incarnation and number: a hash of the content of the report."""
         self._contradicted: set[tuple[int, int, int]] = set()
         """Reports that came with two contents. Only one of them can be the robot's."""
+        self._newest: dict[tuple[int, int], int] = {}
+        """By robot and incarnation: the highest report number."""
         self._acks: bytes | None = b""
         """Result of `acks`; None once it is out of date."""
+        self._ahead: bytes | None = b""
+        """Result of `ahead`, likewise."""
 
     def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
         """Merge a report within its limits (agents/limits.py).
@@ -48,7 +52,8 @@ class MapMerger:
         while (*source, complete + 1) in self._contents:
             complete += 1
         self._complete[source] = complete
-        self._acks = None
+        self._newest[source] = max(self._newest.get(source, 0), report.number)
+        self._acks = self._ahead = None
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
         changed = np.sort(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
@@ -82,3 +87,15 @@ class MapMerger:
         if self._acks is None:
             self._acks = b"".join([ACK.pack(*source, number) for source, number in sorted(self._complete.items())])
         return self._acks
+
+    def ahead(self) -> bytes:
+        """Of each robot incarnation with a gap the reports beyond it (AHEAD), as many as a mask covers."""
+        if self._ahead is None:
+            rows = []
+            for source, number in sorted(self._complete.items()):
+                beyond = min(self._newest[source] - number - 1, AHEAD_NUMBERS)
+                mask = sum(1 << bit for bit in range(beyond) if (*source, number + 2 + bit) in self._contents)
+                if mask:
+                    rows.append(AHEAD.pack(*source, number, mask))
+            self._ahead = b"".join(rows)
+        return self._ahead

@@ -30,6 +30,20 @@ def test_no_room_is_too_full(room: Path) -> None:
     assert len([path for path in room.glob("*.py") if path.stem != "__init__"]) <= MOST_MODULES
 
 
+def test_the_map_of_the_packages_names_every_module() -> None:
+    section = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Packages")[2].partition("\n## ")[0]
+    modules: dict[str, list[str]] = {}
+    for package in (name for name in PACKAGES if name != "deploy"):
+        (words,) = re.findall(rf"^\* `{package}`(.+?)(?=^\* |\Z|^$)", section, re.MULTILINE | re.DOTALL)
+        paths = [path for path in (ROOT / package).rglob("*.py") if not path.name.startswith("__")]
+        modules[package] = [
+            str(path.relative_to(ROOT))
+            for path in sorted(paths)
+            if path.name not in ("config.py", "process.py") and f"`{path.name}`" not in words
+        ]
+    assert {package: names for package, names in modules.items() if names} == {}
+
+
 def test_a_newcomer_is_shown_to_files_that_exist() -> None:
     section = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Where would I change")[2]
     rows = [row.groups() for row in re.finditer(r"^\| (.+?) \| (.+) \|$", section, re.MULTILINE)]

@@ -32,30 +32,31 @@ def cast(
     cdef Py_ssize_t col_cell = <Py_ssize_t>col, row_cell = <Py_ssize_t>row
     out = np.empty(beams)
     cdef double[::1] result = out
-    for ray in range(rays):
-        to_first = u - col if ray < beams else v - row
-        if forward[ray]:
-            to_first = 1.0 - to_first
-        beside = to_first * drift[ray] + (v if ray < beams else u)
-        to_first *= per_line[ray]
-        nearest = far
-        for line in range(counts[ray]):
-            cell = <Py_ssize_t>(beside + <double>line * drift[ray])
+    with nogil:
+        for ray in range(rays):
+            to_first = u - col if ray < beams else v - row
+            if forward[ray]:
+                to_first = 1.0 - to_first
+            beside = to_first * drift[ray] + (v if ray < beams else u)
+            to_first *= per_line[ray]
+            nearest = far
+            for line in range(counts[ray]):
+                cell = <Py_ssize_t>(beside + <double>line * drift[ray])
+                if ray < beams:
+                    cell = cell * cols + (line + 1 if forward[ray] else -line - 1) + col_cell
+                else:
+                    cell += ((line + 1 if forward[ray] else -line - 1) + row_cell) * cols
+                cell = min(max(cell, 0), cells - 1)
+                if not free_cells[cell]:
+                    # Later crossings of the same beam are farther.
+                    if not never[ray]:
+                        distance = to_first + <double>line * per_line[ray]
+                        nearest = min(nearest, distance)
+                    break
             if ray < beams:
-                cell = cell * cols + (line + 1 if forward[ray] else -line - 1) + col_cell
+                result[ray] = nearest
             else:
-                cell += ((line + 1 if forward[ray] else -line - 1) + row_cell) * cols
-            cell = min(max(cell, 0), cells - 1)
-            if not free_cells[cell]:
-                # Later crossings of the same beam are farther.
-                if not never[ray]:
-                    distance = to_first + <double>line * per_line[ray]
-                    nearest = min(nearest, distance)
-                break
-        if ray < beams:
-            result[ray] = nearest
-        else:
-            result[ray - beams] = min(min(result[ray - beams], nearest) * resolution_m, range_m)
+                result[ray - beams] = min(min(result[ray - beams], nearest) * resolution_m, range_m)
     return out
 
 

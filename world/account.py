@@ -166,6 +166,7 @@ class Account:
         return {
             "connected_fraction": self._connectivity.fraction,
             "max_hops": self._connectivity.max_hops,
+            "planned_absences": self._connectivity.planned_absences,
             "scan_reports": {
                 "made": sum(made.values()),
                 "buffered": sum(s.reports_buffered for s in present.values()),

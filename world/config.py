@@ -29,7 +29,7 @@ class Lidar:
 
 @dataclass(frozen=True)
 class Fault:
-    """A scheduled fault. See README for the verbs and the targets."""
+    """A fault and when it acts, by schedule or by hand; docs/faults.md has the verbs and the targets."""
 
     verb: Verb
     at_s: NotNegative

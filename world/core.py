@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from bus.excerpt import shown
 from bus.nodes import node_name
 from world.account import Account, Told
 from world.agenda import Agenda
@@ -159,7 +160,8 @@ class World:
         """
         awaited = self.awaited()
         if self._ticking or awaited:
-            raise RuntimeError(f"tick {self.tick} cannot begin: begun {self._ticking}, awaited {sorted(awaited)}")
+            whom = shown(sorted(awaited))
+            raise RuntimeError(f"tick {self.tick} cannot begin: begun {self._ticking}, awaited {whom}")
         tick = self.tick
         if self._agenda.due(tick):
             self._account.settle()

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bus.nodes import node_name
 from world.feed import Event, Snapshot
-from world.terms import NOBODY, STATION, UNREACHABLE, Cls
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls, Mode
 
 __all__ = ["changes"]
 
@@ -57,8 +57,10 @@ def _links(before: Snapshot, after: Snapshot) -> list[Event]:
             text = f"{node_name(robot)} has a route to the MS via {where}, hops: {hops}"
             events.append(Event(after.tick, "link", robot, text, {"recovered": True, "nms": nms, "hops": hops}))
         else:
-            text = f"{node_name(robot)} lost its route to the MS"
-            events.append(Event(after.tick, "link", robot, text, {"recovered": False}))
+            planned = after.mode[i] == Mode.AWAY
+            text = f"{node_name(robot)} {'is on a sortie' if planned else 'lost its route to the MS'}"
+            data = {"recovered": False} | ({"planned": True} if planned else {})
+            events.append(Event(after.tick, "link", robot, text, data))
     return events
 
 

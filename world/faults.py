@@ -9,6 +9,7 @@ import numpy as np
 
 from bus.codec import MOST_METRES
 from bus.excerpt import shown
+from bus.numerals import decimal
 from world.config import Fault, Verb
 from world.feed import Snapshot
 from world.messages import Jam
@@ -46,7 +47,7 @@ def parse_fault(text: str) -> Fault:
     probability = 0.0
     if verb == "loss":
         try:
-            probability, target = float(target), ""
+            probability, target = decimal(target), ""
         except ValueError:
             what = f"'{shown(target)}' is not a probability, as in loss:0.3@50+10"
             raise ValueError(f"fault '{shown(text)}': {what}") from None
@@ -104,7 +105,7 @@ def _check_target(target: str, robots: int | None) -> None:
     if not _NODE.fullmatch(number) or int(number) < 1:
         raise ValueError(f"unknown target '{shown(target)}', expected {ROLES}")
     if robots is not None and int(number) > robots:
-        raise ValueError(f"target '{target}': there are only robots 1 to {robots}")
+        raise ValueError(f"target '{shown(target)}': there are only robots 1 to {robots}")
 
 
 def _check_jam(target: str, robots: int | None) -> None:
@@ -127,7 +128,7 @@ def jam_of(target: str) -> Jam:
             raise ValueError(f"jam target '{shown(target)}' names one node twice")
         return Jam(pair=(a, b))
     try:
-        values = [float(part) for part in parts]
+        values = [decimal(part) for part in parts]
     except ValueError:
         raise ValueError(wrong) from None
     if len(values) != 4 or not all(abs(value) <= MOST_METRES for value in values):

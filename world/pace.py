@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from bus.excerpt import shown
+from bus.numerals import decimal
 from world.terms import TICK_S
 
 __all__ = ["COMMANDS", "Pace"]
@@ -81,7 +82,7 @@ class Pace:
                     self._steps = 0
                 case ["step"]:
                     self._steps = 1
-                case ["step", count] if count.isdecimal() and len(count) < 10 and int(count) > 0:
+                case ["step", count] if count.isascii() and count.isdecimal() and len(count) < 10 and int(count) > 0:
                     self._steps = int(count)
                 case ["go"]:
                     self._steps = self._base = None
@@ -98,7 +99,7 @@ def _speed(text: str) -> float:
     if text == "max":
         return 0.0
     try:
-        speed = float(text)
+        speed = decimal(text)
     except ValueError:
         speed = math.nan
     if not (math.isfinite(speed) and speed > 0):

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from bus.codec import WireError
 from bus.envelopes import Flood, Moves, Opening
+from bus.excerpt import shown
 from bus.heartbeat import Beat
 from bus.lockstep import Kind, Patience, seal
 from bus.malformed import Malformed
@@ -70,7 +71,7 @@ class Shell:
         self._attendance = Attendance()
         self._floods: set[str] = set()
         """Keys of nodes whose beats are not heard any more."""
-        self._mediums: set[str] = set()
+        self._medium_tokens: set[str] = set()
         self._medium_lost = False
         # The tick under way.
         self._turnout = Turnout(self._attendance, config)
@@ -157,7 +158,7 @@ class Shell:
             for node, new in self._attendance.arrivals():
                 self._core.arrive(node, new=new)
             awaited = self._core.awaited()
-            if awaited or not self._mediums:
+            if awaited or not self._medium_tokens:
                 self._publish()
                 if self._pace.interrupted:
                     return False
@@ -168,8 +169,9 @@ class Shell:
                     for node in awaited:
                         self._outlets.signal(Signal(self._core.tick, node, "look"))
                 if waited_s > self._config.return_deadline_s:
-                    absent = [node_name(node) for node in sorted(awaited)] + ["medium"] * (not self._mediums)
-                    raise RunError(f"not there within {self._config.return_deadline_s:g} s: {', '.join(absent)}")
+                    absent = [node_name(node) for node in sorted(awaited)] + ["medium"] * (not self._medium_tokens)
+                    who = shown(", ".join(absent), 300)
+                    raise RunError(f"not there within {self._config.return_deadline_s:g} s: {who}")
                 continue
             delay_s = self._pace.delay_s(self._core.tick)
             if delay_s <= 0.0:
@@ -293,8 +295,8 @@ class Shell:
         token = self._session.keys.token_of(key)
         node, incarnation = token.node, token.incarnation
         if token.role == "medium":
-            (self._mediums.add if present else self._mediums.discard)(key)
-            self._medium_lost = not self._mediums
+            (self._medium_tokens.add if present else self._medium_tokens.discard)(key)
+            self._medium_lost = not self._medium_tokens
         elif node not in self._nodes:
             log.warning("there is no %s in this run", node_name(node))
         elif present:

@@ -19,7 +19,7 @@ from world.faults import describe, jam_of
 from world.feed import Event, Snapshot
 from world.messages import Jam, Status
 from world.routes import chain_to_station
-from world.terms import NOBODY, STATION, UNREACHABLE, seconds_of, tick_of
+from world.terms import NOBODY, STATION, UNREACHABLE, Mode, seconds_of, tick_of
 
 __all__ = ["Recoveries"]
 
@@ -141,7 +141,7 @@ class Recoveries:
     def _add_losers(watch: _Watch, before: Snapshot, snapshot: Snapshot, reports: Sequence[tuple[int, Status]]) -> None:
         for robot in snapshot.nodes.tolist():
             i = robot - 1
-            lost = before.hops[i] != UNREACHABLE and snapshot.hops[i] == UNREACHABLE
+            lost = before.hops[i] != UNREACHABLE and snapshot.hops[i] == UNREACHABLE and snapshot.mode[i] != Mode.AWAY
             if lost and snapshot.present[i] and robot not in watch.orphans:
                 watch.orphans[robot] = orphan = _orphan(int(before.nms[i]), robot, reports)
                 orphan.detected_tick = snapshot.tick

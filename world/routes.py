@@ -8,17 +8,23 @@ from numpy.typing import NDArray
 from world.feed import Snapshot
 from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
-__all__ = ["chain_from", "chain_to_station", "farthest_search_robots", "linked"]
+__all__ = ["chain_from", "chain_to_station", "connected", "farthest_search_robots", "hop_summary"]
 
 
-def linked(snapshot: Snapshot) -> NDArray[np.bool_]:
-    """Robots, shape (n,), that take part and have a finite route to the station."""
-    return np.asarray((snapshot.present == 1) & (snapshot.nms != NOBODY) & (snapshot.hops < UNREACHABLE))
+def connected(snapshot: Snapshot) -> NDArray[np.bool_]:
+    """Robots, shape (n,), that take part and have a finite route to the MS. These and no others have an NMS."""
+    return np.asarray((snapshot.present == 1) & (snapshot.hops < UNREACHABLE))
+
+
+def hop_summary(snapshot: Snapshot) -> tuple[int, int, float]:
+    """How many robots are connected, the most hops and the mean hops; zeros if none is."""
+    hops = snapshot.hops[connected(snapshot)]
+    return (len(hops), int(hops.max()), float(hops.mean())) if len(hops) else (0, 0, 0.0)
 
 
 def farthest_search_robots(snapshot: Snapshot, station_m: tuple[float, float]) -> list[int]:
     """Search robots with a route: most hops first, then farthest from the MS, then by id."""
-    rows = np.flatnonzero(linked(snapshot) & (snapshot.cls == Cls.SR))
+    rows = np.flatnonzero(connected(snapshot) & (snapshot.cls == Cls.SR))
     nodes, hops = snapshot.nodes[rows], snapshot.hops[rows].astype(np.int64)
     distance_m = np.hypot(*(snapshot.xy_m[rows] - station_m).T)
     order: list[int] = nodes[np.lexsort((nodes, -distance_m, -hops))].tolist()

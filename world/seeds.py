@@ -1,4 +1,4 @@
-"""Every random stream of a run, in one table: each is a function of the run's seed and of what it is for.
+"""Every random stream of a run, in one list: each is a function of the run's seed and of what it is for.
 
 Nothing else in the packages makes a generator, so no two streams share their numbers, and who draws from one changes no
 other (Salmon et al. 2011 for the counter-based ones).
@@ -26,6 +26,12 @@ class Stream(IntEnum):
     """Whom a fault with target `random` hits (`sequence`)."""
     LOSS = 3
     """Which frames are lost, by the radio or by a fault (`sequence`)."""
+    FADING = 4
+    """Gains of all radio links at a tick (`counted`)."""
+    BURSTS = 5
+    """Which radio links turn bad or good at a tick (`counted`)."""
+    SHADOWING = 6
+    """Waves of a radio link's correlated shadowing (`counted`, by its two ends)."""
     STARTS = 100
     """Where robots start (`sequence`)."""
     VICTIMS = 101
@@ -37,9 +43,9 @@ def sequence(seed: int, stream: Stream) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(stream)])))
 
 
-def counted(seed: int, stream: Stream, node: int, tick: int) -> np.random.Generator:
-    """The generator of one node and tick: who else is there, and who was, changes nobody's numbers."""
-    return np.random.Generator(np.random.Philox(counter=[0, 0, node, tick], key=[seed, int(stream)]))
+def counted(seed: int, stream: Stream, one: int, other: int) -> np.random.Generator:
+    """The generator of one node and tick, or of two nodes: who else is there, and who was, changes nobody's numbers."""
+    return np.random.Generator(np.random.Philox(counter=[0, 0, one, other], key=[seed, int(stream)]))
 
 
 def node_stream(seed: int, node: int, incarnation: int) -> random.Random:

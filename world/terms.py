@@ -10,8 +10,21 @@ from annotated_types import Ge, Gt, Le
 from bus.nodes import MAX_NODE, NOBODY, STATION
 
 __all__ = [
-    "MAX_NODE", "MAX_TICK", "MOST", "NOBODY", "STATION", "TICK_S", "UNREACHABLE", "Cls", "Mode", "NotNegative",
-    "Positive", "Probability", "seconds_of", "tick_of",
+    "MAX_NODE",
+    "MAX_TICK",
+    "MOST",
+    "NOBODY",
+    "STATION",
+    "TICK_S",
+    "UNREACHABLE",
+    "Cls",
+    "Mode",
+    "NotNegative",
+    "Place",
+    "Positive",
+    "Probability",
+    "seconds_of",
+    "tick_of",
 ]  # fmt: skip
 
 TICK_S: Final = 0.1
@@ -27,6 +40,10 @@ MOST: Final = 1e9
 Positive = Annotated[float, Gt(0), Le(MOST)]
 NotNegative = Annotated[float, Ge(0), Le(MOST)]
 Probability = Annotated[float, Ge(0), Le(1)]
+
+
+Place = tuple[float, float]
+"""A position on the floor: x and y in metres."""
 
 
 class Cls(IntEnum):
@@ -48,6 +65,8 @@ class Mode(IntEnum):
     """No route to the MS: autonomous path recovery."""
     WAIT = 4
     """Stands still (no target, or a rule of the policy holds it)."""
+    AWAY = 5
+    """On a sortie: left the network on purpose, and will come back (docs/sortie.md)."""
 
 
 def tick_of(at_s: float) -> int:

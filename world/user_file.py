@@ -8,14 +8,26 @@ from pathlib import Path
 
 from bus.excerpt import shown
 
-__all__ = ["read_bytes", "read_text"]
+__all__ = ["read_bytes", "read_start", "read_text"]
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """A regular file's bytes; a pipe or a device, which may never end, is not opened.
+    """A regular file's bytes.
 
     Raises:
         ValueError: it can't be read, or it has more than `most` bytes.
+    """
+    data = read_start(path, most + 1)
+    if len(data) > most:
+        raise ValueError(f"{shown(path)}: larger than {most:,} bytes")
+    return data
+
+
+def read_start(path: Path, most: int) -> bytes:
+    """The first bytes of a regular file, `most` at most; a pipe or a device, which may never end, is not opened.
+
+    Raises:
+        ValueError: it can't be read.
     """
     try:
         kind = path.stat().st_mode
@@ -24,14 +36,11 @@ def read_bytes(path: Path, most: int) -> bytes:
         if not stat.S_ISREG(kind):
             raise ValueError("a pipe or a device, not a file")
         with path.open("rb") as file:
-            data = file.read(most + 1)
+            return file.read(most)
     except OSError as error:
         raise ValueError(f"{shown(path)}: {error.strerror}") from None
     except ValueError as error:  # ours, and a name that no file can have
         raise ValueError(f"{shown(path)}: {error}") from None
-    if len(data) > most:
-        raise ValueError(f"{shown(path)}: larger than {most:,} bytes")
-    return data
 
 
 def read_text(path: Path, most: int, errors: str = "strict") -> str:

@@ -10,25 +10,31 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Final
 
-__all__ = ["SIGNALS", "Interrupts", "end_with"]
+__all__ = ["SIGNALS", "TO_ALL", "Interrupts", "end_with"]
 
-SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""By which a user, a batch system or the end of a terminal asks a command to end."""
+SIGNALS: Final = (
+    signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU,
+)  # fmt: skip
+"""By which a user, a key, a batch system or the end of a terminal asks a command to end."""
+
+TO_ALL: Final = tuple(number for number in SIGNALS if number != signal.SIGTERM)
+"""Those that a terminal or a batch system sends to all processes of a command. Only its first one reacts, and ends the
+others by SIGTERM."""
 
 
 class Interrupts:
-    """Counts SIGINT, SIGTERM and SIGHUP, and passes each on to the run once there is one.
+    """Counts `SIGNALS`, and passes each on to the run once there is one.
 
     Nothing is raised, so no step of the start is left half done.
     """
 
     def __init__(self) -> None:
-        """Listen. A SIGHUP that is ignored already, as under nohup, stays ignored."""
+        """Listen. What is ignored already, as SIGHUP under nohup, stays ignored; not so SIGINT and SIGTERM."""
         self.count = 0
         self._passed = 0
         self._interrupt: Callable[[], None] | None = None
         for number in SIGNALS:
-            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            if number in (signal.SIGINT, signal.SIGTERM) or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._take)
 
     def pass_to(self, interrupt: Callable[[], None]) -> None:
@@ -47,14 +53,22 @@ class Interrupts:
 
 
 def end_with(owner: int) -> None:
-    """Send SIGTERM to this process as soon as process `owner` is gone. Returns at once."""
+    """Send SIGTERM to this process as soon as process `owner` is gone. Returns at once.
+
+    Raises:
+        ValueError: no process can have that id.
+    """
+    descriptor: int | None = None
+    try:
+        descriptor = os.pidfd_open(owner)
+    except ProcessLookupError:
+        pass  # gone already
+    except (OSError, OverflowError):
+        raise ValueError("not the id of a process") from None
 
     def watch() -> None:
-        try:
-            descriptor = os.pidfd_open(owner)
+        if descriptor is not None:
             select.select([descriptor], [], [])
-        except ProcessLookupError:
-            pass  # gone already
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=watch, name="owner", daemon=True).start()

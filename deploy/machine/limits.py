@@ -1,11 +1,12 @@
-"""What a run of many processes needs of the system's limits."""
+"""What a run of many processes needs of the system's limits, and which it keeps."""
 
 from __future__ import annotations
 
+import os
 import resource
 from typing import Final
 
-__all__ = ["LimitError", "allow_files"]
+__all__ = ["LimitError", "allow_files", "one_thread"]
 
 _EACH: Final = 3
 """Files that the launcher holds for each process; the medium, which hosts the router, holds fewer."""
@@ -34,3 +35,8 @@ def allow_files(robots: int) -> None:
             "raise the limit (ulimit -n), or run with --in-process"
         )
     resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
+
+
+def one_thread() -> None:
+    """Keep numerical libraries, here and in processes to come, from starting threads: there is a process per core."""
+    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Final, TextIO
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-__all__ = ["Outlet", "keep_writing", "lost"]
+__all__ = ["LastingStream", "keep_writing", "lost"]
 
 _NOBODY_READS: Final = (errno.EPIPE, errno.EIO)
 
 
-class Outlet(io.FileIO):
+class LastingStream(io.FileIO):
     """A file descriptor that takes everything, whether or not it can still be written."""
 
     def __init__(self, descriptor: int) -> None:
@@ -45,7 +45,7 @@ class Outlet(io.FileIO):
 
 
 def keep_writing() -> None:
-    """Put an `Outlet` under sys.stdout and sys.stderr. A standard descriptor that is closed becomes the null device."""
+    """Put a `LastingStream` under sys.stdout and sys.stderr. A closed standard descriptor becomes the null device."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -59,7 +59,7 @@ def lost() -> dict[str, str]:
     why = {}
     for name, stream in (("standard output", sys.stdout), ("standard error", sys.stderr)):
         raw = getattr(getattr(stream, "buffer", None), "raw", None)
-        if isinstance(raw, Outlet):
+        if isinstance(raw, LastingStream):
             stream.flush()
             if raw.error is not None and raw.error.errno not in _NOBODY_READS:
                 why[name] = raw.error.strerror or str(raw.error)
@@ -68,6 +68,6 @@ def lost() -> dict[str, str]:
 
 def _outlet(stream: TextIO | None, descriptor: int) -> io.TextIOWrapper:
     encoding = "utf-8" if stream is None else stream.encoding
-    buffer = io.BufferedWriter(Outlet(descriptor))
+    buffer = io.BufferedWriter(LastingStream(descriptor))
     # A character that the encoding lacks is no reason to end, either.
     return io.TextIOWrapper(buffer, encoding=encoding, errors="backslashreplace", line_buffering=True)

@@ -18,6 +18,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, Self
 
+from bus.excerpt import shown
+
 __all__ = ["Scratch", "ScratchError", "home_of_tempfile"]
 
 _PREFIX: Final = "vds-"
@@ -43,7 +45,7 @@ class Scratch:
             also: further files that go with it.
 
         Raises:
-            ScratchError: there is no place for it.
+            ScratchError: there is no room for it.
         """
         base = _base()
         _sweep(base)
@@ -52,7 +54,7 @@ class Scratch:
             try:
                 self._make(also, held)
             except OSError as error:
-                raise ScratchError(f"{base}: no temporary folder can be made there: {error.strerror}") from error
+                raise ScratchError(f"{shown(base)}: no temporary folder can be made there: {error.strerror}") from error
             self._held = held.pop_all()
 
     def close(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shlex
 from collections.abc import Sequence
 from html import escape
@@ -12,9 +11,8 @@ from deploy.page.charts import Bar, Line, Mark, bar_chart, legend, line_chart
 from deploy.page.html import card, milliseconds, number, page, percent, say, seconds, table
 from deploy.page.map_picture import MAP_KEY, map_picture
 from deploy.run_folder.reader import Run
-from deploy.scenario.tables import ScenarioError, validate_fault
+from deploy.run_folder.status import meaning_of
 from monitor_station.config import cell_title
-from world.faults import describe
 
 __all__ = ["repeat_command", "report_page"]
 
@@ -55,14 +53,8 @@ def report_page(run: Run) -> str:
 
 
 def status(run: Run) -> str:
-    words = {
-        "searched": ("good", "all cells searched"),
-        "time_limit": ("soft", "time limit reached"),
-        "interrupted": ("soft", "interrupted"),
-        "failed": ("bad", "failed"),
-    }
-    kind, text = words.get(str(run.summary["status"]), ("bad", str(run.summary["status"])))
-    return f'<span class="badge {kind}">{escape(text)}</span>'
+    meaning = meaning_of(run.summary["status"])
+    return f'<span class="badge {meaning.kind}">{escape(meaning.words)}</span>'
 
 
 def mean_rate(run: Run) -> float | None:
@@ -79,7 +71,7 @@ def _tiles(run: Run) -> str:
     tiles = [
         ("Searched", percent(mean_rate(run)), f"all after {seconds(search_time.get('all'))}"),
         ("Victims found", f"{number(victims.get('found'))} of {number(victims.get('placed'))}", ""),
-        ("Connected", percent(summary.get("connected_fraction"), 2), "of all robot time"),
+        ("Connected", percent(summary.get("connected_fraction"), 2), _apart(run)),
         ("Most hops", number(summary.get("max_hops")), "to the monitor station"),
         ("Faults", str(len(run.rows("faults"))), f"{len(affected)} cut robots off, {healed} recovered"),
         ("Real-time factor", number(summary.get("real_time_factor")), "simulated over wall time"),
@@ -91,6 +83,13 @@ def _tiles(run: Run) -> str:
         for name, value, note in tiles
     )
     return f'<dl class="tiles">{items}</dl>'
+
+
+def _apart(run: Run) -> str:
+    """What the share of connected robot time is of, and the part of the rest that was planned."""
+    absences = run.group("planned_absences")
+    away = f"; {percent(absences.get('fraction'), 2)} away as planned" if absences.get("count") else ""
+    return f"of all robot time{away}"
 
 
 def _trouble(run: Run) -> str:
@@ -265,12 +264,14 @@ def _cut_off(count: int) -> str:
 
 def repeat_card(run: Run, title: str = "Repeat this run") -> str:
     body = f"<pre>{escape(repeat_command(run))}</pre>"
-    by_wall_clock = run.summary.get("wall_clock_faults")
-    if by_wall_clock:
+    if by_wall_clock := run.summary.get("wall_clock_faults"):
         body += (
-            f"<p>{number(by_wall_clock)} of its faults fell at a moment of wall time: the repetition does the same, "
-            "but not to the bit.</p>"
+            f"<p>{number(by_wall_clock)} of its faults came at a moment of wall time. The repetition has them at the "
+            "ticks at which they acted here.</p>"
         )
+    meaning = meaning_of(run.summary["status"])
+    if not meaning.complete:
+        body += f"<p>This run did not come to its end ({escape(meaning.words)}): the repetition may go on further.</p>"
     elif run.summary.get("trace_sha256"):
         digest = escape(str(run.summary["trace_sha256"]))
         body += f'<p>The repetition ends with the same digest:<br><code class="digest">{digest}</code></p>'
@@ -283,14 +284,8 @@ def repeat_card(run: Run, title: str = "Repeat this run") -> str:
 
 
 def repeat_command(run: Run) -> str:
-    """The command that repeats a run, with the faults by hand, which its scenario does not have."""
-    words = ["deploy/run_local.py", "--scenario", str(run.path / "scenario.toml")]
-    planned: set[tuple[str, float]] = set()
-    if run.scenario is not None:
-        planned = {(fault.verb, fault.at_s) for fault in run.scenario.tables.fault}
-    for index, raw in enumerate(run.rows("faults")):
-        with contextlib.suppress(ScenarioError):  # of a damaged file
-            fault = validate_fault(raw, index)
-            if (fault.verb, fault.at_s) not in planned:
-                words += ["--fault", describe(fault)]
-    return shlex.join(words)
+    """The command that repeats a run: with every fault that acted, by schedule or by hand, at its node and its tick."""
+    words = (
+        ["--replay-faults", str(run.path)] if run.rows("faults") else ["--scenario", str(run.path / "scenario.toml")]
+    )
+    return shlex.join(["deploy/run_local.py", *words])

@@ -1,4 +1,4 @@
-"""The claims of the paper's text on its Fig. 6 and 7, judged by the results of the studies.
+"""The claims of the paper's text on its Fig. 6 and 7 [paper 8.3, 8.4], judged by the results of the studies.
 
 The text has words only, so the thresholds are ours. Each stands beside its claim.
 """
@@ -37,7 +37,7 @@ class Verdict:
 
 
 def fig6_claims(rows: Sequence[Row], series: SeriesByKey, discard: Discard | None) -> list[Verdict]:
-    """Claims on Fig. 6; the runs that the study's rule discards are left out."""
+    """Claims on Fig. 6 [paper 8.3]; the runs that the study's rule discards are left out."""
     fleets = {n: kept([row for row in rows if row["robots"] == n], series, discard) for n in (6, 9, 12)}
     ends = {n: _end_rates(left, series) for n, left in fleets.items()}
     return [_one_after_the_other(fleets[12], ends[12]), _hardly(fleets[6], ends[6]), _intermediate(fleets, ends)]
@@ -96,7 +96,7 @@ def _mean_over_time(rows: Sequence[Row]) -> float:
 
 
 def fig7_claims(rows: Sequence[Row], bounds: Bounds) -> list[Verdict]:
-    """Claims on Fig. 7."""
+    """Claims on Fig. 7 [paper 8.4]."""
     rows = usable(rows)
     return [
         _saturates(rows, bounds),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from bus.excerpt import shown
 from deploy.paper.claims import Verdict, fig6_claims, fig7_claims
 from deploy.paper.prototype import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
 from deploy.scenario import load
@@ -55,6 +56,9 @@ km/h. Intervals are 95 % confidence intervals: of a mean by Student's t, of a ra
 the same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
 "walls block, no rule A"). Here scans count as soon as they arrive, even if their robot was cut off meanwhile
 (`store_and_forward = true`); the paper's figures discard those.
+
+A third policy, [`sortie`](sortie.md), stands on top of `scout` and leaves the network for a while on purpose. It is for
+real buildings; the tables below are older than it.
 """
 
 _WITHIN: Final = """\
@@ -99,7 +103,7 @@ def write_report(studies: Path, docs: Path) -> list[Path]:
         require_own(docs / name, _WRITER)
     pictures = docs / "results"
     if not (docs / "results.md").exists() and pictures.exists() and any(pictures.iterdir()):
-        raise ForeignFileError(f"{pictures}: is there already, and is not of this command: name another folder")
+        raise ForeignFileError(f"{shown(pictures)}: is there already, and is not of this command: name another folder")
     return [
         _page(docs / "results.md", _HEAD, RESULTS, studies),
         _page(docs / "policies.md", _POLICIES_HEAD, POLICIES, studies),
@@ -168,7 +172,7 @@ def _fig6(found: _Found) -> list[str]:
             relative = f"{ours.mean / theirs[i]:.2f}" if theirs and times else ""
             lines.append(
                 f"| {robots} | {len(left)} of {len(of_fleet)} | {cell} | {len(times)} of {len(left)} "
-                f"| {_shown(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {relative} |"
+                f"| {_mean(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {relative} |"
             )
     return [*lines, "", _discard_words(found.study), ""]
 
@@ -213,7 +217,7 @@ def _fig7_line(rows: Sequence[Row], robots: int, radius_m: float) -> str:
         within = "yes" if not times and not theirs else "no"
     spread = f"{ours.mean:.0f} ± {ours.sd:.0f}" if times else "-"
     return (
-        f"| {robots} | {radius_m:g} | {len(times)} of {len(here)} | {spread} | {_shown(times)} | {reference} | "
+        f"| {robots} | {radius_m:g} | {len(times)} of {len(here)} | {spread} | {_mean(times)} | {reference} | "
         f"{relative} | {within} |"
     )
 
@@ -237,7 +241,7 @@ def _variants(found: _Found) -> list[str]:
             relative = _ratio(by_seed, times.get(other, {}))
             connected = estimate(row["connected_fraction"] for row in of_fleet if row["variant"] == variant.name).mean
             lines.append(
-                f"| {variant.name} | {robots} | {radius_m:g} | {len(finished)} of {len(by_seed)} | {_shown(finished)} "
+                f"| {variant.name} | {robots} | {radius_m:g} | {len(finished)} of {len(by_seed)} | {_mean(finished)} "
                 f"| {relative} | {other if relative else ''} | {connected:.0%} | {variant.why} |"
             )
     return [*lines, "", "Times are those of the runs that finished, ratios those of the seeds that both finished.", ""]
@@ -282,7 +286,7 @@ def _share(vds: Times, scout: Times, slow: Times) -> str:
     return f"{(slow_s - fast_s) / (base_s - fast_s):.0%}" if fast_s < base_s else "-"
 
 
-def _shown(times: Sequence[float]) -> str:
+def _mean(times: Sequence[float]) -> str:
     """Mean and confidence interval, in seconds."""
     found = estimate(times)
     return (

@@ -19,7 +19,7 @@ from typing import IO, Any, Final
 
 from setproctitle import setproctitle
 
-from deploy.machine.interrupts import SIGNALS
+from deploy.machine.interrupts import SIGNALS, TO_ALL
 from deploy.machine.outlet import keep_writing, lost
 from deploy.processes.collector import collect_rarely
 
@@ -57,7 +57,7 @@ class Child:
 
     def run(self, target: Callable[..., None], args: tuple[Any, ...]) -> None:
         """First function of every process."""
-        for number in (signal.SIGINT, signal.SIGHUP):
+        for number in TO_ALL:
             signal.signal(number, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         if self.processor is not None:

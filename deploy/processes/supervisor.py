@@ -25,13 +25,13 @@ from types import TracebackType
 from typing import IO, Any, Final, Self
 
 from deploy.machine.interrupts import SIGNALS
+from deploy.machine.limits import one_thread
 from deploy.processes.child import GRACE_S, Child, Held
 
 __all__ = ["Exit", "Supervisor"]
 
 _WAKE: Final = ""
 """No process has this name."""
-_ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +223,7 @@ def _last_words(heard: connection.Connection) -> str:
 
 def _start_fork_server() -> None:
     """Start the fork server, with one BLAS thread for each of its children, and deaf to what a whole group is sent."""
-    os.environ.update(_ONE_THREAD)
+    one_thread()
     try:
         os.getcwd()  # noqa: PTH109  # multiprocessing asks in these words
     except FileNotFoundError:  # it was deleted, so no relative path leads anywhere: any other folder will do

@@ -54,7 +54,7 @@ class Baseline:
         now = tomllib.loads(scenario.to_toml())
         for key in sorted({*was, *now}.difference(_NO_MATTER)):
             if was.get(key) != now.get(key):
-                raise ScenarioError(f"{folder} can't be compared: its {key} is not this run's")
+                raise ScenarioError(f"{shown(folder)} can't be compared: its {shown(key)} is not this run's")
         return cls(folder, _times_s(folder, summary))
 
     def lost_s(self, search_time_s: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -77,5 +77,5 @@ def _times_s(folder: Path, summary: Mapping[str, Any]) -> dict[str, float | None
     """The search times of a summary, by cell."""
     times_s = summary.get("search_time_s") or {}
     if not isinstance(times_s, dict) or not all(type(time_s) in (float, int, NoneType) for time_s in times_s.values()):
-        raise ScenarioError(f"{shown(folder / 'summary.json')}: search_time_s is not a table of times")
+        raise ScenarioError(f"{shown(folder / 'summary.json')}: search_time_s is not a mapping of names to times")
     return times_s

@@ -10,7 +10,8 @@ from typing import Final
 
 from world.feed import Snapshot
 from world.growing_file import GrowingFile
-from world.terms import TICK_S, UNREACHABLE, Cls, seconds_of
+from world.routes import hop_summary
+from world.terms import Cls, seconds_of, tick_of
 
 __all__ = ["RATE", "Metrics"]
 
@@ -21,7 +22,7 @@ _COLUMNS: Final = (
     "time_s", "robots_present", "robots_connected", "relays", "max_hops", "mean_hops", "scan_reports_merged",
     "scan_reports_buffered", "victims_found",
 )  # fmt: skip
-_TICKS_PER_ROW: Final = round(1 / TICK_S)
+_TICKS_PER_ROW: Final = tick_of(1.0)
 
 
 class Metrics:
@@ -50,14 +51,14 @@ class Metrics:
             return
         self._second = second
         present = s.present == 1
-        hops = s.hops[present & (s.hops < UNREACHABLE)]
+        connected, most, mean = hop_summary(s)
         rates = [round(rate, 6) for rate in s.search_rate] or [0.0] * len(self._cells)
         self._time_s.append(seconds_of(s.tick))
         for column, rate in zip(self._rates, rates, strict=True):
             column.append(rate)
         self._rows.writerow([
-            self._time_s[-1], int(present.sum()), len(hops), int((present & (s.cls == Cls.RR)).sum()),
-            int(hops.max()) if len(hops) else "", round(float(hops.mean()), 3) if len(hops) else "",
+            self._time_s[-1], int(present.sum()), connected, int((present & (s.cls == Cls.RR)).sum()),
+            most if connected else "", round(mean, 3) if connected else "",
             s.merged, s.reports_buffered, len(s.victims_found), *rates,
         ])  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,15 +13,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bus.excerpt import shown
 from deploy.json_file import read_object
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 from world.grid import GridGeometry
 from world.grid.map_file import read_map
+from world.user_file import read_text
 
 __all__ = ["MergedMap", "Run", "RunFilesError", "read_run"]
 
 _LONGEST_S: Final = 1e9
+_MOST_BYTES: Final = 2**30
 
 
 class RunFilesError(ValueError):
@@ -78,42 +82,45 @@ def read_run(path: Path) -> Run:
     Raises:
         RunFilesError: it is no folder of a run that has ended, or one of its files is damaged.
     """
-    if not path.is_dir():
-        raise RunFilesError(f"{path}: no such run folder")
-    summary = _summary(path / "summary.json")
-    times_s, columns = _metrics(path / "metrics.csv")
-    toml, scenario = _scenario(path / "scenario.toml")
-    events = list(_events(path / "events.jsonl"))
-    return Run(path, summary, times_s, columns, events, toml, scenario, _map(path / "map.yaml"))
+    try:
+        if not path.is_dir():
+            raise RunFilesError(f"{shown(path)}: no such run folder")
+        summary = _summary(path / "summary.json")
+        times_s, columns = _metrics(path / "metrics.csv")
+        toml, scenario = _scenario(path / "scenario.toml")
+        events = list(_events(path / "events.jsonl"))
+        return Run(path, summary, times_s, columns, events, toml, scenario, _map(path / "map.yaml"))
+    except OSError as error:
+        raise RunFilesError(f"{shown(path)}: can't look into it: {error.strerror}") from None
 
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise RunFilesError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise RunFilesError(f"{path}: not a text file") from None
+        return read_text(path, _MOST_BYTES)
+    except ValueError as error:
+        raise RunFilesError(str(error)) from None
 
 
 def _summary(path: Path) -> dict[str, Any]:
     if not path.exists():
-        raise RunFilesError(f"{path}: not there: no run folder, or its run has not ended")
+        raise RunFilesError(f"{shown(path)}: not there: no run folder, or its run has not ended")
     try:
         summary = read_object(path)
     except ValueError as error:
         raise RunFilesError(str(error)) from None
     if "status" not in summary:
-        raise RunFilesError(f"{path}: not the summary of a run")
+        raise RunFilesError(f"{shown(path)}: not the summary of a run")
     return summary
 
 
 def _metrics(path: Path) -> tuple[list[float], dict[str, list[float | None]]]:
-    rows = csv.DictReader(_text(path).splitlines())
+    rows = csv.DictReader(io.StringIO(_text(path), newline=""))
     try:
         names = rows.fieldnames or []
         if "time_s" not in names:
-            raise RunFilesError(f"{path}: has no column time_s")
+            raise RunFilesError(f"{shown(path)}: has no column time_s")
+        if len(set(names)) < len(names):
+            raise RunFilesError(f"{shown(path)}: has two columns of one name")
         columns: dict[str, list[float | None]] = {name: [] for name in names}
         for row in rows:
             for name in names:
@@ -121,10 +128,10 @@ def _metrics(path: Path) -> tuple[list[float], dict[str, list[float | None]]]:
     except (csv.Error, ValueError) as error:
         if isinstance(error, RunFilesError):
             raise
-        raise RunFilesError(f"{path}: line {rows.line_num}: not numbers") from None
+        raise RunFilesError(f"{shown(path)}: line {rows.line_num}: not numbers") from None
     times_s = columns.pop("time_s")
     if None in times_s:
-        raise RunFilesError(f"{path}: a row without time_s")
+        raise RunFilesError(f"{shown(path)}: a row without time_s")
     return [time_s for time_s in times_s if time_s is not None], columns
 
 
@@ -139,7 +146,7 @@ def _events(path: Path) -> Iterator[dict[str, Any]]:
     """The lines that are events. The last one of a killed run may be cut off."""
     if not path.exists():
         return
-    for line in _text(path).splitlines():
+    for line in _text(path).split("\n"):
         try:
             event = json.loads(line)
         except (ValueError, RecursionError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from deploy.run_folder.status import meaning_of
 from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
 from world.connectivity import Connectivity
 from world.feed import Snapshot
@@ -88,6 +89,7 @@ def summary_of(
         "search_time_s": station.get("search_time_s", progress.search_time_s),
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
+        "planned_absences": world.get("planned_absences", progress.connectivity.planned_absences if latest else None),
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),
@@ -112,8 +114,8 @@ def summary_of(
 
 
 def shortfall(summary: Mapping[str, Any]) -> str | None:
-    """One line on a run that the world ended before it was searched, out of time or interrupted; else None."""
-    if summary["status"] not in ("failed", "no_robots"):
+    """One line on a run that ended for want of a process or of robots; None if it ended in any other way."""
+    if meaning_of(summary["status"]).as_asked:
         return None
     return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
 

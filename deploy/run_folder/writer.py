@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from bus.excerpt import shown
 from deploy.run_folder.claim import Claim, ClaimError
 from deploy.run_folder.journal import read_journal
 from deploy.run_folder.metrics import Metrics
@@ -66,7 +67,7 @@ class RunFolder:
             self._events = GrowingFile(path / "events.jsonl")
         except OSError as error:
             self.claim.undo()
-            raise ClaimError(f"{path}: can't write there: {error.strerror}") from error
+            raise ClaimError(f"{shown(path)}: can't write there: {error.strerror}") from error
 
     def snapshot(self, snapshot: Snapshot) -> None:
         """Add a tick, in the order of ticks; some may be missing."""

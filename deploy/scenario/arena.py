@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -89,7 +90,9 @@ def _floor_plan(plan: FloorPlan) -> tuple[NDArray[np.bool_], GridGeometry]:
                 raise ScenarioError("floor_plan has both map and rectangles; give either")
             path = Path(plan.map)
             if plan.map_sha256 is not None and digest_of_map(path) != plan.map_sha256:
-                raise ScenarioError(f"floor_plan.map: {path} is not the map of this scenario any more (map_sha256)")
+                raise ScenarioError(
+                    f"floor_plan.map: {shown(path)} is not the map of this scenario any more (map_sha256)"
+                )
             native = load_map(path)
             return native if plan.resolution_m is None else resampled(*native, plan.resolution_m)
         if plan.size_m is None or not plan.free:
@@ -130,8 +133,7 @@ def _station(tables: Tables, parts: NDArray[np.int32], geometry: GridGeometry) -
 
 
 def _free(occupied: NDArray[np.bool_], geometry: GridGeometry, place: Point) -> bool:
-    col = math.floor((place[0] - geometry.x0_m) / geometry.resolution_m)
-    row = math.floor((place[1] - geometry.y0_m) / geometry.resolution_m)
+    row, col = geometry.cell(*place)
     return 0 <= row < geometry.rows and 0 <= col < geometry.cols and not occupied[row, col]
 
 
@@ -167,12 +169,7 @@ def _cells(
     tables: Tables, occupied: NDArray[np.bool_], connected: NDArray[np.bool_], geometry: GridGeometry
 ) -> tuple[tuple[SearchCell, ...], tuple[Rectangle, ...], tuple[float, ...]]:
     """The search cells, their rectangles, and the share of the free floor in each that can't be reached."""
-    names = {"all"}
-    for cell in tables.cell:
-        if cell.name in names:
-            what = "every cell needs its own, and 'all' is the whole"
-            raise ScenarioError(f"cell name '{shown(cell.name)}' is taken; {what}")
-        names.add(cell.name)
+    _check_names([cell.name for cell in tables.cell])
     if not tables.cell:
         inside = np.flatnonzero(connected)
         rows, cols = np.flatnonzero(connected.any(axis=1)), np.flatnonzero(connected.any(axis=0))
@@ -191,6 +188,18 @@ def _cells(
         cells.append(SearchCell(cell.name, inside))
         left_out.append(1.0 - len(inside) / len(free))
     return tuple(cells), tuple(cell.rectangle_m for cell in tables.cell), tuple(left_out)
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Each cell names a column of metrics.csv, and a series of a study."""
+    taken = {"all", "time_s"}
+    for name in names:
+        if not name.isprintable():
+            raise ScenarioError(f"cell name '{shown(name)}' has control characters or line breaks")
+        if name in taken:
+            what = "every cell needs its own; 'all' is the whole, 'time_s' the time"
+            raise ScenarioError(f"cell name '{shown(name)}' is taken; {what}")
+        taken.add(name)
 
 
 def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry, station: Point) -> NDArray[np.float64]:

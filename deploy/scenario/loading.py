@@ -10,6 +10,7 @@ from typing import Any
 
 from agents.policies import PolicyError, policy_class
 from bus.excerpt import shown
+from bus.numerals import decimal
 from deploy.scenario.arena import survey
 from deploy.scenario.files import located, read_source
 from deploy.scenario.name import check_name
@@ -89,7 +90,7 @@ def _put(raw: dict[str, Any], key: str, value: Any) -> None:
             raise ScenarioError(f"cannot set '{shown(key)}', since '{what}' is no table of single keys")
     if key == "speed" and isinstance(value, str):
         with contextlib.suppress(ValueError):
-            value = float(value)
+            value = decimal(value)
     inner[last] = value
 
 
@@ -115,6 +116,10 @@ def _check(tables: Tables) -> None:
         tables.rules.check()
     except ValueError as error:
         raise ScenarioError(f"rules.{error}") from None
+    try:
+        tables.radio.check()
+    except ValueError as error:
+        raise ScenarioError(f"radio.{error}") from None
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)

@@ -96,12 +96,12 @@ class Scenario:
 
     def medium_config(self) -> MediumConfig:
         tables, arena = self.tables, self.arena
-        return MediumConfig(tables.seed, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
+        return MediumConfig(tables.seed, tables.robots, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
 
     def robot_config(self, node: int) -> RobotConfig:
         """What robot `node` knows before it starts; `station_config` has the station."""
         tables, arena, radio = self.tables, self.arena, self.tables.radio
-        noisy = radio.model == "log_distance" and radio.shadowing_db > 0
+        noisy = radio.model == "log_distance" and (radio.shadowing_db > 0 or radio.fading != "none")
         return RobotConfig(
             node=node,
             seed=tables.seed,
@@ -117,6 +117,7 @@ class Scenario:
             robots=tables.robots,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
+            bandwidth_limited=radio.limited,
             policy=tables.policy,
             rules=tables.rules,
         )

@@ -13,14 +13,14 @@ import types
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from agents.config import Rules
 from bus.excerpt import shown
-from medium.config import Radio
+from medium.config import NEAREST_M, Radio
 from world.config import Fault, Lidar
 from world.grid.geometry import MAX_CELLS
 from world.terms import MOST, Positive
@@ -33,6 +33,7 @@ __all__ = [
     "StationPlace",
     "Tables",
     "Victims",
+    "checked",
     "nearest",
     "validate",
     "validate_fault",
@@ -99,13 +100,13 @@ class Victims:
 class Deadlines:
     """Deadlines of wall time. They do not show in a trace unless one is exceeded."""
 
-    hang_s: Positive = 2.0
-    """A node that neither answers nor works for this long is left out."""
-    think_s: Positive = 60.0
+    hang_s: Annotated[float, Ge(0.5), Le(MOST)] = 2.0
+    """A node that neither answers nor works for this long is left out. It tells of its work four times a second."""
+    think_s: Annotated[float, Ge(1), Le(MOST)] = 60.0
     """A node whose process spends more processor time than this on one tick is left out although it works."""
-    medium_s: Positive = 30.0
+    medium_s: Annotated[float, Ge(1), Le(MOST)] = 30.0
     """A medium silent for this long fails the run."""
-    return_s: Positive = 30.0
+    return_s: Annotated[float, Ge(1), Le(MOST)] = 30.0
     """A scheduled restart whose process is not there after this long fails the run."""
 
 
@@ -120,10 +121,10 @@ class Tables:
     floor_plan: FloorPlan
     description: str = ""
     policy: Annotated[str, MinLen(1)] = "vds"
-    """The rules of the robots: vds (the paper's), scout, or module:Class."""
+    """The rules of the robots: vds (the paper's), scout, sortie, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
-    radius_m: Positive = 20.0
-    """r_t"""
+    radius_m: Annotated[float, Ge(NEAREST_M), Le(MOST)] = 20.0
+    """r_t; the radio's curve begins at that distance"""
     seed: Annotated[int, Ge(0), Le(2**63 - 1)] = 1
     duration_s: Annotated[float, Gt(0), Le(1e8)] = 4000.0
     speed: Literal["max"] | Positive = "max"
@@ -144,7 +145,7 @@ class Tables:
 def nearest(name: str, known: Sequence[str]) -> str:
     """A hint for the end of an error: the known name that is most like `name`, or all known names."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+    return f"did you mean '{close[0]}'?" if close else f"known: {shown(', '.join(known), 180)}"
 
 
 def validate(raw: Mapping[str, Any]) -> Tables:
@@ -153,7 +154,7 @@ def validate(raw: Mapping[str, Any]) -> Tables:
     Raises:
         ScenarioError: an unknown key, a missing one, or a value out of its bounds.
     """
-    return _checked(_TABLES, raw, Tables, ())
+    return checked(_TABLES, raw, Tables)
 
 
 def validate_fault(raw: Any, index: int) -> Fault:
@@ -162,15 +163,29 @@ def validate_fault(raw: Any, index: int) -> Fault:
     Raises:
         ScenarioError: as `validate`.
     """
-    return _checked(_FAULT, raw, Fault, ("fault", index))
+    return checked(_FAULT, raw, Fault, ("fault", index))
 
+
+_WORDS: Final = {"an object": "a table", "a valid dictionary": "a table", "a valid array": "a list"}
+"""What pydantic calls the values of a TOML file."""
 
 T = TypeVar("T")
 _TABLES: TypeAdapter[Tables] = TypeAdapter(Tables)
 _FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
 
 
-def _checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...]) -> T:
+def checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | int, ...] = ()) -> T:
+    """A dataclass from raw tables, as `tomllib` gives them.
+
+    Args:
+        adapter: of the dataclass.
+        raw: the table.
+        kind: the dataclass.
+        path: keys that lead to the table in its file.
+
+    Raises:
+        ScenarioError: an unknown key, a missing one, or a value out of its bounds; in the words of a TOML file.
+    """
     _refuse_unknown(raw, kind, path)
     # JSON knows no tuples, so with it pydantic takes lists for them and can be strict: no "9" for 9, no true for 1.
     try:
@@ -219,7 +234,8 @@ def _first(error: ValidationError, raw: Any, path: tuple[str | int, ...]) -> str
     messages: list[str] = []
     for item, where in zip(errors, paths, strict=True):
         message = "is missing" if item["type"] == "missing" else item["msg"].replace("Input should", "should")
-        message = message.replace("an object", "a table")
+        for theirs, ours in _WORDS.items():
+            message = message.replace(theirs, ours)
         if where == paths[0] and message not in messages:
             messages.append(message)
     what = " or ".join(messages)

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bus.nodes import process_name, short_name
-from deploy.screen.view import Clock, worth_a_line
+from deploy.screen.view import Clock, event_line
 from monitor_station.config import cell_title
 from monitor_station.recording import palette
 from monitor_station.recording.states import DisplayedStates
@@ -60,8 +60,8 @@ class LiveTable:
 
     def event(self, event: Event) -> None:
         self._displayed.hear(event)
-        if worth_a_line(event):
-            self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
+        if (line := event_line(event)) is not None:
+            self.line(line)
 
     def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None:
         self._phases = spent_s

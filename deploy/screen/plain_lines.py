@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from rich.console import Console
 
-from deploy.screen.view import Clock, worth_a_line
+from deploy.screen.view import Clock, event_line
 from world.feed import Event, Snapshot
 from world.terms import TICK_S
 
@@ -37,8 +37,8 @@ class PlainLines:
             self.line(f"{snapshot.tick * TICK_S:8.1f} s  searched {cells}  real-time factor {factor:.1f}")
 
     def event(self, event: Event) -> None:
-        if worth_a_line(event):
-            self.line(f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}")
+        if (line := event_line(event)) is not None:
+            self.line(line)
 
     def phases(self, spent_s: Mapping[str, Mapping[str, float]]) -> None: ...
 

@@ -9,7 +9,7 @@ from typing import Protocol
 from world.feed import Event, Snapshot
 from world.terms import TICK_S
 
-__all__ = ["Clock", "NoView", "View", "worth_a_line"]
+__all__ = ["Clock", "NoView", "View", "event_line"]
 
 
 class View(Protocol):
@@ -45,9 +45,11 @@ class NoView:
     def close(self) -> None: ...
 
 
-def worth_a_line(event: Event) -> bool:
-    """Whether to print an event: not changes of class, nor the first routes, which all robots find at the start."""
-    return event.kind != "role" and not (event.kind == "link" and event.tick <= 1)
+def event_line(event: Event) -> str | None:
+    """How an event is printed: not changes of class, nor the first routes, which all robots find at the start."""
+    if event.kind == "role" or (event.kind == "link" and event.tick <= 1):
+        return None
+    return f"{event.tick * TICK_S:8.1f} s  {event.kind}: {event.text}"
 
 
 class Clock:

@@ -1,4 +1,4 @@
-"""The lower bounds of the paper's Fig. 7: r_low, below which a fleet can't reach every cell, and T_low.
+"""Lower bounds of the search [paper 8.4, 8.5]: r_low, below which a fleet can't reach every cell, and T_low.
 
 Both follow from the longest of the shortest paths over the true floor plan.
 """
@@ -27,7 +27,7 @@ independent prototype measured 25 to 40 s."""
 
 @dataclass(frozen=True)
 class Bounds:
-    """Lower bounds of an arena (paper, Fig. 7)."""
+    """Lower bounds of an arena [paper 8.4, 8.5]."""
 
     farthest_m: float
     """L_far: the longest of the shortest paths from the MS to a point of a search cell."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,22 +16,23 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter
 
 from bus.excerpt import shown
 from deploy.scenario import Scenario, ScenarioError, load
 from deploy.scenario.files import located, read_toml
 from deploy.scenario.name import check_name, name_of
-from deploy.scenario.tables import nearest
+from deploy.scenario.tables import checked, nearest
 
-__all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "study_names"]
+__all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "runs_of", "study_names"]
 
 FOLDER: Final = Path(__file__).resolve().parent.parent / "studies"
 BASE: Final = "base"
 """Name of the only variant of a study that lists none."""
 
-_RANGE: Final = re.compile(r"(-?\d{1,9})\.\.(-?\d{1,9})")
+_RANGE: Final = re.compile(r"(-?[0-9]{1,9})\.\.(-?[0-9]{1,9})")
 _MOST_STEPS: Final = 10_000
+MOST_RUNS: Final = 10_000
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         path = FOLDER / f"{source}.toml"
     raw = read_toml(path)
     try:
-        study = _validate({"name": name_of(path.stem), **raw})
+        study = checked(_ADAPTER, {"name": name_of(path.stem), **raw}, Study)
         _check(study)
     except ScenarioError as error:
         raise ScenarioError(f"{shown(source)}: {error}") from None
@@ -124,6 +126,12 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         return study
     variants = tuple(dataclasses.replace(variant, axes={}) for variant in study.variant)
     return dataclasses.replace(study, axes=_flat(study.axes) | _flat(study.quick), variant=variants)
+
+
+def runs_of(study: Study) -> int:
+    """How many runs a study has at most: of those that are alike it has one."""
+    variants = [_flat(study.axes) | _flat(variant.axes) for variant in study.variant or (Variant(BASE),)]
+    return sum(math.prod(len(_values(key, values)) for key, values in axes.items()) for axes in variants)
 
 
 def points_of(study: Study) -> list[Point]:
@@ -140,9 +148,19 @@ def points_of(study: Study) -> list[Point]:
         except ScenarioError as error:
             which = shown(", ".join(f"{key}={value}" for key, value in settings.items()))
             raise ScenarioError(f"study {shown(study.name, 30)}, {shown(variant, 30)} ({which}): {error}") from None
+        _check_discard(study.discard, scenario)
         point = _point(variant, scenario)
         points.setdefault(point.key, point)
     return sorted(points.values(), key=lambda point: (-point.effort, point.key))
+
+
+def _check_discard(rule: Discard | None, scenario: Scenario) -> None:
+    for key, cell in () if rule is None else (("cell", rule.cell), ("before", rule.before)):
+        if cell not in scenario.cell_names:
+            known = nearest(cell, [shown(name) for name in scenario.cell_names[:20]])
+            raise ScenarioError(
+                f"discard.{key} = '{shown(cell)}': scenario {shown(scenario.name, 30)} has no such cell, {known}"
+            )
 
 
 def _combinations(study: Study) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -165,29 +183,6 @@ def _point(variant: str, scenario: Scenario) -> Point:
     return Point(key, variant, toml, scenario.duration_s * scenario.robots / (1.0 + scenario.radius_m / 10.0))
 
 
-def _validate(raw: Mapping[str, Any]) -> Study:
-    known = {f.name for f in dataclasses.fields(Study)}
-    tables: tuple[tuple[str, Any, type], ...] = (
-        ("discard", [raw["discard"]] if "discard" in raw else [], Discard),
-        ("variant", raw.get("variant", []), Variant),
-    )
-    for key in raw:
-        if key not in known:
-            raise ScenarioError(f"unknown key '{shown(key)}', {nearest(key, sorted(known))}")
-    for table, items, kind in tables:
-        allowed = [f.name for f in dataclasses.fields(kind)]
-        for item in items if isinstance(items, list) else []:
-            for key in item if isinstance(item, dict) else []:
-                if key not in allowed:
-                    raise ScenarioError(f"unknown key '{shown(key)}' in [{table}], {nearest(key, allowed)}")
-    try:
-        return _ADAPTER.validate_python(dict(raw))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise ScenarioError(f"{where}: {first['msg'].replace('Input should', 'should')}") from None
-
-
 _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
 
 
@@ -197,9 +192,17 @@ def _check(study: Study) -> None:
         for key, values in _flat(table).items():
             _values(key, values)
     names = [variant.name for variant in study.variant]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ScenarioError(f"variant '{shown(twice)}' is there twice")
+    for variant in study.variant:
+        if names.count(variant.name) > 1:
+            raise ScenarioError(f"variant '{shown(variant.name)}' is there twice")
+        if not variant.name.isprintable():
+            raise ScenarioError(f"variant '{shown(variant.name)}': the name has control characters or line breaks")
+        if variant.against and variant.against not in names:
+            where = f"variant '{shown(variant.name)}': against = '{shown(variant.against)}'"
+            raise ScenarioError(f"{where}: no such variant, {nearest(variant.against, [shown(n) for n in names])}")
+    for axes in (study.axes, {**_flat(study.axes), **_flat(study.quick)}):
+        if (runs := runs_of(dataclasses.replace(study, axes=axes))) > MOST_RUNS:
+            raise ScenarioError(f"its axes make {runs:,} runs: up to {MOST_RUNS:,} are possible")
     if study.plot == "search_time" and "radius_m" not in _flat(study.axes):
         raise ScenarioError("plot = 'search_time' needs an axis radius_m")
 
@@ -207,9 +210,13 @@ def _check(study: Study) -> None:
 def _values(key: str, given: Any) -> Sequence[Any]:
     if isinstance(given, str) and key != "fault" and (found := _RANGE.fullmatch(given)):
         first, last = map(int, found.groups())
+        if last < first:
+            raise ScenarioError(
+                f"axes.{shown(key)} = '{shown(given)}': expected a range from a low number to a high one"
+            )
         if last - first >= _MOST_STEPS:
             raise ScenarioError(f"axes.{shown(key)} = '{shown(given)}': more than {_MOST_STEPS:,} values")
-        given = list(range(first, last + 1))
+        return range(first, last + 1)
     if not isinstance(given, list) or not given:
         what = 'expected a list of values, or a range such as "1..10"'
         raise ScenarioError(f"axes.{shown(key)} = {shown(repr(given))}: {what}")

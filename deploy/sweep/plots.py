@@ -72,7 +72,7 @@ def _save(figure: Figure, path: Path) -> Path:
 
 
 def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
-    """Fig. 6: search rate of each cell against elapsed time, a panel for each N."""
+    """Fig. 6 [paper 8.3]: search rate of each cell against elapsed time, a panel for each N."""
     shown = usable(rows)
     fleets = sorted({row["robots"] for row in shown}, reverse=True)
     figure, axes = plt.subplots(1, max(1, len(fleets)), figsize=(9.5, 3.4), sharey=True, squeeze=False)
@@ -83,8 +83,9 @@ def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping
         cells = sorted({cell for row in left for cell in series[row["key"]]} - {"time_s"})
         for i, cell in enumerate(cells):
             band = mean_rates([series[row["key"]] for row in left], cell, until_s)
-            axis.plot(band.time_s, 100 * band.mean, color=COLORS[i], linestyle=LINES[i], label=f"cell {cell}")
-            axis.fill_between(band.time_s, 100 * band.low, 100 * band.high, color=COLORS[i], alpha=0.2, linewidth=0)
+            color, line = COLORS[i % len(COLORS)], LINES[i % len(LINES)]
+            axis.plot(band.time_s, 100 * band.mean, color=color, linestyle=line, label=f"cell {_plain(cell)}")
+            axis.fill_between(band.time_s, 100 * band.low, 100 * band.high, color=color, alpha=0.2, linewidth=0)
         axis.set_title(f"N = {robots} ({len(left)} of {len(of_fleet)} runs)")
         axis.set_xlabel("elapsed time (s)")
         axis.set_ylim(0, 102)
@@ -97,7 +98,7 @@ def _search_rate(study: Study, rows: Sequence[Row], series: Mapping[str, Mapping
 
 
 def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
-    """Fig. 7: search time of all cells against transmission radius, a curve for each N, with the lower bounds."""
+    """Fig. 7 [paper 8.4]: search time of all cells against transmission radius, a curve for each N, and bounds."""
     figure, axis = plt.subplots(figsize=(7.2, 4.8))
     shown = usable(rows)
     fleets = sorted({row["robots"] for row in shown})
@@ -106,7 +107,7 @@ def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
         color = COLORS[i % len(COLORS)]
         for j, variant in enumerate(variants):
             of_curve = [row for row in shown if row["robots"] == robots and row["variant"] == variant]
-            label = f"N = {robots}" if len(variants) == 1 else f"N = {robots}, {variant}"
+            label = f"N = {robots}" if len(variants) == 1 else f"N = {robots}, {_plain(variant)}"
             style = _Style(color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)], 0.97 - 0.05 * (i + j * len(fleets)))
             _curve(axis, of_curve, label, style)
         axis.axvline(bounds.r_low_m(robots), color=color, linestyle=":", linewidth=1)
@@ -137,7 +138,7 @@ class _Style:
 
 
 def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
-    """One N (and variant) of Fig. 7; a hollow point shows how many of its runs finished."""
+    """One N (and variant) of Fig. 7 [paper 8.4]; a hollow point shows how many of its runs finished."""
     radii, means, halves = [], [], []
     color = style.color
     for radius_m in sorted({row["radius_m"] for row in rows}):
@@ -187,12 +188,17 @@ def _variants(study: Study, rows: Sequence[Row]) -> Figure:
         axis.set_title(f"N = {robots}, $r_t$ = {radius_m:g} m")
         axis.set_xlabel("search time of all cells (s)")
         axis.set_xlim(left=0)
-    axes[0][0].set_yticks(range(len(names)), names)
+    axes[0][0].set_yticks(range(len(names)), [_plain(name) for name in names])
     axes[0][0].invert_yaxis()
     _caption(figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those")
     return figure
 
 
 def _caption(figure: Figure, study: Study, words: str) -> None:
-    figure.suptitle(f"{study.title or study.name}\n{words}", fontsize=9)
+    figure.suptitle(f"{_plain(study.title or study.name)}\n{words}", fontsize=9)
     figure.tight_layout()
+
+
+def _plain(text: str) -> str:
+    """A text of the user's, in which $ begins no formula."""
+    return text.replace("$", r"\$")

@@ -6,7 +6,6 @@ only the runs under way. Files appear under their names only when they are compl
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
@@ -21,10 +20,12 @@ from bus.excerpt import shown
 from deploy.json_file import read_object
 from deploy.run_folder.claim import explained, refuse_foreign, take_lock
 from deploy.sweep.plan import Point
-from deploy.sweep.row import ERROR, Finished
+from deploy.sweep.row import Finished
+from deploy.sweep.statistics import usable
 from world.own_file import write_whole
+from world.user_file import read_bytes, read_text
 
-__all__ = ["WALL_COLUMNS", "Results", "differences"]
+__all__ = ["WALL_COLUMNS", "Results", "ResultsError", "differences"]
 
 Row = dict[str, Any]
 Series = dict[str, list[float]]
@@ -43,12 +44,30 @@ WALL_COLUMNS: Final = (
 
 LOCK: Final = "study.lock"
 _WRITTEN: Final = (
-    LOCK, "parts/*", "scenarios/*", "results.parquet*", "results.csv*", "series.parquet*", "study.json*", "*.png",
-    "*.svg",
+    LOCK, "parts/*.json*", "scenarios/*.toml*", "results.parquet*", "results.csv*", "series.parquet*", "study.json*",
+    "*.png", "*.svg",
 )  # fmt: skip
 """All that a study writes."""
 
 _FIRST: Final = ("key", "variant", "engine", "scenario", "seed", "robots", "radius_m", "status", "error")
+
+
+_NUMBER: Final = (int, float)
+_ROW: Final[dict[str, type | tuple[type, ...]]] = {
+    "key": str,
+    "variant": str,
+    "status": str,
+    "seed": int,
+    "robots": int,
+    "radius_m": _NUMBER,
+}
+_LINE: Final[dict[str, type | tuple[type, ...]]] = {"key": str, "cell": str, "time_s": _NUMBER, "search_rate": _NUMBER}
+"""What each row of results.parquet and each of series.parquet has, at least."""
+_MOST_BYTES: Final = 2**32
+
+
+class ResultsError(ValueError):
+    """Results that can't be read; one line that names the file."""
 
 
 class Results:
@@ -64,13 +83,14 @@ class Results:
     def claim(self) -> None:
         """Take the folder for this process: a new, an empty, or a study's. It is made if it is not there.
 
+        Its lock says that it is a study's: no folder is, for what others are called that it holds.
+
         Raises:
             ClaimError: it holds something else, another study is under way there, or it can't be written.
         """
         with explained(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-            marked = (self.folder / LOCK).exists() or (self._parts.is_dir() and self._scenarios.is_dir())
-            refuse_foreign(self.folder, _WRITTEN, "study", marked=marked)
+            refuse_foreign(self.folder, _WRITTEN, "study", marked=(self.folder / LOCK).exists())
             self._lock = take_lock(self.folder / LOCK)
             for path in (self._parts, self._scenarios):
                 path.mkdir(exist_ok=True)
@@ -81,16 +101,37 @@ class Results:
             self._lock.close()
             self._lock = None
 
+    def check(self) -> None:
+        """Check that the tables which are there can be read.
+
+        Raises:
+            ResultsError: one can't, or is no study's; one line that names the file.
+        """
+        rows, series = _read(self.folder / "results.parquet", _ROW), self.series()
+        lacking = sum(row["key"] not in series for row in usable(rows))
+        if lacking:
+            raise ResultsError(
+                f"{shown(self.folder / 'series.parquet')}: lacks {lacking} of the runs of results.parquet"
+            )
+
     def rows(self) -> list[Row]:
-        """All rows, by key."""
-        rows = {row["key"]: row for row in _read(self.folder / "results.parquet")}
+        """All rows, by key.
+
+        Raises:
+            ResultsError: as `check`.
+        """
+        rows = {row["key"]: row for row in _read(self.folder / "results.parquet", _ROW)}
         rows |= {part["row"]["key"]: part["row"] for part in self._read_parts()}
         return [rows[key] for key in sorted(rows)]
 
     def series(self) -> dict[str, Series]:
-        """Time series by key: `time_s` and each cell's search rate."""
+        """Time series by key: `time_s` and each cell's search rate.
+
+        Raises:
+            ResultsError: as `check`.
+        """
         series: dict[str, Series] = {}
-        for line in _read(self.folder / "series.parquet"):
+        for line in _read(self.folder / "series.parquet", _LINE):
             of_run = series.setdefault(line["key"], {"time_s": []})
             of_cell = of_run.setdefault(line["cell"], [])
             of_cell.append(line["search_rate"])
@@ -99,8 +140,13 @@ class Results:
         return series | {part["row"]["key"]: part["series"] for part in self._read_parts()}
 
     def done(self, *, retry_failed: bool = False) -> set[str]:
-        """Keys of the runs that need not be run again."""
-        return {row["key"] for row in self.rows() if not (retry_failed and row["status"] in (ERROR, "failed"))}
+        """Keys of the runs that need not be run again: all that ended or, with `retry_failed`, that have a result."""
+        rows = self.rows()
+        return {row["key"] for row in (usable(rows) if retry_failed else rows)}
+
+    def damaged(self) -> list[Path]:
+        """Parts that can't be read. They stay; the run of one of them is run again, and its part written anew."""
+        return [path for path in sorted(self._parts.glob("*.json")) if _part(path) is None]
 
     def plan(self, points: Iterable[Point]) -> None:
         """Write down the exact scenario of every run, before any of them starts."""
@@ -116,23 +162,24 @@ class Results:
     def add(self, finished: Finished) -> None:
         """Write one finished run to the disk."""
         text = json.dumps({"row": finished.row, "series": finished.series})
-        write_whole(self._parts / f"{finished.row['key']}.json", text)
+        write_whole(self._part_path(finished.row["key"]), text)
 
     def compact(self) -> None:
-        """Merge everything into results.parquet, results.csv and series.parquet."""
+        """Merge everything into results.parquet, results.csv and series.parquet; parts that were merged go."""
+        merged = [self._part_path(part["row"]["key"]) for part in self._read_parts()]
         rows, series = self.rows(), self.series()
         if not rows:
             return
         for row in rows:
             path = self.scenario_path(row["key"])
-            row["scenario_toml"] = path.read_text("utf-8") if path.exists() else row.get("scenario_toml")
+            row["scenario_toml"] = read_text(path, _MOST_BYTES) if path.exists() else row.get("scenario_toml")
         columns = _columns(rows)
         table = pa.table({name: _array([row.get(name) for row in rows]) for name in columns})
         _write_parquet(self.folder / "results.parquet", table)
         _write_csv(self.folder / "results.csv", [name for name in columns if name != "scenario_toml"], rows)
         _write_parquet(self.folder / "series.parquet", _series_table(series))
-        for part in self._parts.glob("*.json"):
-            part.unlink()
+        for path in merged:
+            path.unlink(missing_ok=True)
 
     def note(self, facts: Mapping[str, Any]) -> None:
         """Write facts on the execution (command, machine, wall time), which are no part of a result."""
@@ -145,16 +192,34 @@ class Results:
         except ValueError:
             return {}
 
+    def _part_path(self, key: str) -> Path:
+        return self._parts / f"{key}.json"
+
     def _read_parts(self) -> list[dict[str, Any]]:
         """The parts. A damaged one does not count, so its run is run again."""
-        parts = []
-        for path in sorted(self._parts.glob("*.json")):
-            with contextlib.suppress(ValueError):
-                part = read_object(path)
-                row, series = part.get("row"), part.get("series")
-                if isinstance(row, dict) and isinstance(row.get("key"), str) and isinstance(series, dict):
-                    parts.append(part)
-        return parts
+        return [part for path in sorted(self._parts.glob("*.json")) if (part := _part(path)) is not None]
+
+
+def _part(path: Path) -> dict[str, Any] | None:
+    """What a part holds: the row and the series of the run that it is named after; None if it is damaged."""
+    try:
+        part = read_object(path)
+    except ValueError:
+        return None
+    row, series = part.get("row"), part.get("series")
+    if not isinstance(row, dict) or not isinstance(series, dict) or row.get("key") != path.stem or _lacks(row, _ROW):
+        return None
+    columns = list(series.values())
+    if not all(isinstance(column, list) and len(column) == len(columns[0]) for column in columns):
+        return None
+    if columns and ("time_s" not in series or any(type(x) not in (int, float) for column in columns for x in column)):
+        return None
+    return part
+
+
+def _lacks(row: Row, types: Mapping[str, type | tuple[type, ...]]) -> str | None:
+    """The first column that a row does not have as it must be."""
+    return next((name for name, kind in types.items() if not isinstance(row.get(name), kind)), None)
 
 
 def differences(left: Iterable[Row], right: Iterable[Row]) -> list[str]:
@@ -204,8 +269,22 @@ def _series_table(series: Mapping[str, Series]) -> Any:
     return pa.table(columns)
 
 
-def _read(path: Path) -> list[Row]:
-    return list(pq.read_table(path).to_pylist()) if path.exists() else []
+def _read(path: Path, types: Mapping[str, type | tuple[type, ...]]) -> list[Row]:
+    """The rows of a table, each with columns of these types; none if it is not there."""
+    if not path.exists():
+        return []
+    try:
+        content = read_bytes(path, _MOST_BYTES)
+    except ValueError as error:
+        raise ResultsError(str(error)) from None
+    try:
+        rows: list[Row] = pq.read_table(pa.BufferReader(content)).to_pylist()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ResultsError(f"{shown(path)}: not a whole Parquet table: {shown(error, 120)}") from None
+    for row in rows:
+        if column := _lacks(row, types):
+            raise ResultsError(f"{shown(path)}: not a table of a study: column {column} is missing or damaged")
+    return rows
 
 
 def _write_parquet(path: Path, table: Any) -> None:

@@ -19,17 +19,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from bus.built import ROOT, built_from
+from bus.excerpt import shown
+from deploy.run_folder.status import ERROR
+from deploy.run_folder.summary import shortfall
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import Scenario, load
 from deploy.simulation import Observer, Simulation
 
-__all__ = ["ERROR", "Engine", "Finished", "code_version", "columns_of", "failed_row", "run_point"]
+__all__ = ["Engine", "Finished", "code_version", "columns_of", "digest_of", "failed_row", "run_point"]
 
 Engine = Literal["in-process", "processes"]
 
-ERROR: Final = "error"
-"""Status of a run that ended by an exception; column `error` has its text."""
-
+_DECIDE: Final = (
+    "bus", "world", "medium", "agents", "monitor_station", "deploy/scenario", "deploy/run_folder", "deploy/processes",
+    "deploy/simulation.py", "deploy/sweep/row.py",
+)  # fmt: skip
+"""Sources that decide the row of a run, besides the compiled loops."""
+_LONGEST_ERROR: Final = 300
 _LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
 """Keys of a scenario that are no columns: the floor plan, and what can't change a result."""
 
@@ -58,7 +65,7 @@ def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: 
 
 def failed_row(key: str, variant: str, toml: str, engine: Engine, words: str) -> dict[str, Any]:
     """The row of a run without a summary."""
-    return {**_head(key, variant, toml, engine), "status": ERROR, "error": words}
+    return {**_head(key, variant, toml, engine), "status": ERROR, "error": shown(words, _LONGEST_ERROR)}
 
 
 def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, temporary: Path) -> Finished:
@@ -70,9 +77,9 @@ def _run(key: str, variant: str, toml: str, engine: Engine, series_step_s: int, 
             summary = _in_process(scenario, folder)
         else:
             summary = _with_processes(scenario, folder, temporary)
-    row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": None}
+    row = {**_head(key, variant, toml, engine), **columns_of(summary), "error": shortfall(summary)}
     if summary["failures"]:
-        row |= {"status": ERROR, "error": str(summary["failures"][0])}
+        row |= {"status": ERROR, "error": shown(summary["failures"][0], _LONGEST_ERROR)}
     return Finished(row, folder.metrics.series(series_step_s))
 
 
@@ -109,11 +116,17 @@ def _head(key: str, variant: str, toml: str, engine: Engine) -> dict[str, Any]:
 @functools.cache
 def code_version() -> str:
     """Digest of the sources that decide a run's result, on this machine; the same for the compiled form."""
-    digest = hashlib.sha256()
-    root = Path(__file__).resolve().parent.parent.parent
-    for package in ("world", "medium", "agents", "monitor_station"):
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(path.read_bytes())
+    return digest_of(ROOT, built_from())
+
+
+def digest_of(root: Path, loops: Mapping[str, str]) -> str:
+    """Digest of the sources below `root` that decide a run's result, and of those that the `loops` were built from."""
+    digest = hashlib.sha256(json.dumps(loops, sort_keys=True).encode())
+    for name in _DECIDE:
+        place = root / name
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            source = path.read_bytes()
+            digest.update(f"\n{path.relative_to(root)} {len(source)}\n".encode() + source)
     return digest.hexdigest()[:12]
 
 
@@ -128,13 +141,7 @@ def columns_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return row
 
 
-def one_thread() -> None:
-    """Keep numerical libraries from starting threads, since a study has a process per core."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-
-
-def end_with(lifeline: Any) -> None:
+def end_after(lifeline: Any) -> None:
     """End this process once the other end of a pipe is closed. Runs in a thread of a worker."""
     with contextlib.suppress(EOFError, OSError):
         lifeline.recv()

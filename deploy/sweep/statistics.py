@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
+from deploy.run_folder.status import meaning_of
 from deploy.sweep.plan import Discard
-from deploy.sweep.row import ERROR
 
 __all__ = [
     "ALL", "Band", "Estimate", "estimate", "goes_first", "kept", "mean_rates", "ratio",
@@ -76,8 +76,8 @@ def ratio(pairs: Sequence[tuple[float, float]]) -> Estimate:
 
 
 def usable(rows: Iterable[Row]) -> list[Row]:
-    """Rows of runs that neither failed nor were interrupted."""
-    return [row for row in rows if row["status"] not in (ERROR, "failed", "interrupted")]
+    """Rows of runs that have a result: that neither failed nor lost all robots nor were interrupted."""
+    return [row for row in rows if meaning_of(row["status"]).result]
 
 
 def goes_first(row: Row, series: Mapping[str, Sequence[float]], rule: Discard) -> str | None:

@@ -18,11 +18,16 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol
 
+from deploy.machine.interrupts import TO_ALL
+from deploy.machine.limits import one_thread
 from deploy.machine.scratch import Scratch, home_of_tempfile
 from deploy.sweep.plan import Point
-from deploy.sweep.row import Engine, Finished, end_with, failed_row, one_thread, run_point
+from deploy.sweep.row import Engine, Finished, end_after, failed_row, run_point
 
-__all__ = ["DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
+__all__ = ["CONNECT_S", "DaskCluster", "Execution", "LocalPool", "WorkersGoneError"]
+
+CONNECT_S: Final = 10
+"""Wall time within which a Dask scheduler must answer."""
 
 
 class WorkersGoneError(Exception):
@@ -99,7 +104,7 @@ class DaskCluster:
         # The client logs a traceback when its scheduler ends; one line of ours says so.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         connect: Any = distributed.Client
-        self._client = connect(address, timeout="10s")
+        self._client = connect(address, timeout=CONNECT_S)
         # Not `pure`, or Dask would return an earlier result for equal arguments.
         self._executor: Executor = self._client.get_executor(pure=False)
 
@@ -120,9 +125,9 @@ class DaskCluster:
 def _begin_worker(lifeline: Connection) -> None:
     one_thread()
     # Ctrl-C and the end of a terminal reach all its processes; only the study reacts.
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in TO_ALL:
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=end_with, args=(lifeline,), name="lifeline", daemon=True).start()
+    threading.Thread(target=end_after, args=(lifeline,), name="lifeline", daemon=True).start()
     # A worker ends without a word, with its runs under way: what they have in temporary folders goes with it.
     scratch = _OF_WORKER.enter_context(Scratch())
     _OF_WORKER.enter_context(home_of_tempfile(scratch.path))

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world.feed import Snapshot
-from world.routes import chain_from, farthest_search_robots, linked
-from world.terms import STATION, UNREACHABLE
+from world.routes import chain_from, connected, farthest_search_robots
+from world.terms import STATION
 
 
 def parents(snapshot: Snapshot) -> dict[int, int]:
-    """Each linked robot's NMS."""
-    rows = linked(snapshot)
+    """Each connected robot's NMS."""
+    rows = connected(snapshot)
     return dict(zip(snapshot.nodes[rows].tolist(), snapshot.nms[rows].tolist(), strict=True))
 
 
@@ -28,15 +28,8 @@ def places(snapshot: Snapshot, nodes: NDArray[np.int16], station_m: tuple[float,
 
 def link_strips(snapshot: Snapshot, station_m: tuple[float, float]) -> NDArray[np.float64]:
     """Both ends of every link to an NMS, shape (links, 2, 2)."""
-    rows = linked(snapshot)
+    rows = connected(snapshot)
     return np.stack((snapshot.xy_m[rows], places(snapshot, snapshot.nms[rows], station_m)), axis=1)
-
-
-def hop_summary(snapshot: Snapshot) -> NDArray[np.float64]:
-    """How many robots have a route, the most hops and the mean hops."""
-    hops = snapshot.hops[(snapshot.present == 1) & (snapshot.hops < UNREACHABLE)]
-    most, mean = (float(hops.max()), float(hops.mean())) if len(hops) else (0.0, 0.0)
-    return np.array((len(hops), most, mean))
 
 
 def farthest_chain(snapshot: Snapshot, station_m: tuple[float, float]) -> tuple[int, ...]:

@@ -111,9 +111,8 @@ class Known:
             self._changed_tiles[f"ms/map/{tile.name}"].add(tick, np.frombuffer(pixels, np.uint8))
 
     def _log_robots(self, view: StationView) -> None:
-        reached = view.reachable.astype(bool)
         shades = np.array([palette.CLASS_COLORS[Cls.SR], palette.CLASS_COLORS[Cls.RR]], np.uint8)
-        colors = np.where(reached[:, None], shades[np.minimum(view.cls, 1)], np.array(palette.NO_CONTACT, np.uint8))
+        colors = np.where(view.reachable[:, None], shades[view.cls], np.array(palette.NO_CONTACT, np.uint8))
         self._stream.log(view.tick, "ms/robots", rr.Points3D.from_fields(colors=colors))
         if len(view.robots) != self._shown_names:
             self._shown_names = len(view.robots)

@@ -12,11 +12,12 @@ from bus.nodes import short_name
 from monitor_station.config import RecorderConfig
 from monitor_station.recording import palette
 from monitor_station.recording.blueprint import FEW_ROBOTS, GRAPH_SIZE
-from monitor_station.recording.chain import farthest_chain, hop_summary, link_strips, parents, places, tree_layout
+from monitor_station.recording.chain import farthest_chain, link_strips, parents, places, tree_layout
 from monitor_station.recording.scenery import Height, lift, name_offset_m
 from monitor_station.recording.states import DisplayedStates, State
 from monitor_station.recording.stream import Rows, Stream
 from world.feed import Event, Snapshot
+from world.routes import hop_summary
 from world.terms import STATION, UNREACHABLE, Cls, Mode
 
 __all__ = ["Network"]
@@ -115,10 +116,11 @@ class Network:
             self._chains.add(snapshot.tick, (places(snapshot, nodes, self._config.station_m), nodes))
 
     def _each_second(self, snapshot: Snapshot) -> None:
-        walking = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & (snapshot.mode == Mode.WALK)
+        searching = (snapshot.mode == Mode.WALK) | (snapshot.mode == Mode.AWAY)
+        walking = (snapshot.present == 1) & (snapshot.cls == Cls.SR) & searching
         self._targets.add(snapshot.tick, snapshot.target_m[walking])
         self._ranges.add(snapshot.tick, snapshot.xy_m[snapshot.present == 1])
-        self._hops.add(snapshot.tick, hop_summary(snapshot))
+        self._hops.add(snapshot.tick, np.array(hop_summary(snapshot), np.float64))
 
     def _log_states(self, snapshot: Snapshot, states: NDArray[np.int64]) -> None:
         changed = np.flatnonzero(states != self._shown_states)

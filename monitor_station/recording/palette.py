@@ -27,10 +27,10 @@ GROUND: Final[Rgb] = (74, 80, 84)
 
 
 STATE_NAMES: Final = tuple(state.name.lower() for state in State)
-STATE_COLORS: Final[tuple[Rgb, ...]] = (ORANGE, SKY, YELLOW, PURPLE, GRAY, VERMILION)
+STATE_COLORS: Final[tuple[Rgb, ...]] = (ORANGE, SKY, YELLOW, BLUE, PURPLE, GRAY, VERMILION)
 
-RIM_COLORS: Final[tuple[Rgb, ...]] = (PALE, PALE, YELLOW, PURPLE, BLACK, VERMILION)
-RIM_POINTS: Final = (9.0, 9.0, 9.5, 9.5, 12.0, 12.0)
+RIM_COLORS: Final[tuple[Rgb, ...]] = (PALE, PALE, YELLOW, BLUE, PURPLE, BLACK, VERMILION)
+RIM_POINTS: Final = (9.0, 9.0, 9.5, 9.5, 9.5, 12.0, 12.0)
 """Rim around a robot's true place: pale while all is well, else by its state; radius in points."""
 
 CLASS_COLORS: Final[dict[int, Rgb]] = {Cls.SR: ORANGE, Cls.RR: SKY}

@@ -20,8 +20,8 @@ LEGEND: Final = """\
 **Map** white: explored and free, black: wall, dark: unknown; lighter: true rooms that the MS does not know yet.
 
 **Dots** robots where the MS believes them: **orange** search (SR), **light blue** relay (RR), **purple** no route
-to the MS. **Rim** a robot's true place: pale: all is well, **yellow** recovers a link, **purple** lost its path,
-**black** paused, **red** dead.
+to the MS. **Rim** a robot's true place: pale: all is well, **yellow** recovers a link, **dark blue** away on a sortie,
+**purple** lost its path, **black** paused, **red** dead.
 
 **Red line** chain from the farthest SR to the MS, **dark blue** all other next hops (NMS), **gray** trails.
 

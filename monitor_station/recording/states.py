@@ -19,19 +19,27 @@ class State(IntEnum):
     SEARCH = 0
     RELAY = 1
     RECOVERING = 2
-    LOST = 3
-    PAUSED = 4
-    DEAD = 5
+    AWAY = 3
+    """On a sortie: a planned absence."""
+    LOST = 4
+    PAUSED = 5
+    DEAD = 6
 
 
 # Plain numbers, since each access to a member of an enumeration is a look-up by name.
 _SEARCH: Final = int(State.SEARCH)
 _RELAY: Final = int(State.RELAY)
 _RECOVERING: Final = int(State.RECOVERING)
+_AWAY: Final = int(State.AWAY)
 _LOST: Final = int(State.LOST)
 _PAUSED: Final = int(State.PAUSED)
 _DEAD: Final = int(State.DEAD)
-_OF_MODE: Final = {int(Mode.INNER): _RECOVERING, int(Mode.OUTER): _RECOVERING, int(Mode.LOST): _LOST}
+_OF_MODE: Final = {
+    int(Mode.INNER): _RECOVERING,
+    int(Mode.OUTER): _RECOVERING,
+    int(Mode.AWAY): _AWAY,
+    int(Mode.LOST): _LOST,
+}
 
 
 def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
@@ -51,7 +59,7 @@ def states_of(snapshot: Snapshot, paused: Collection[int]) -> NDArray[np.int64]:
 class SteadyStates:
     """Settles states: a relay that corrects its distance for a tick or two is still shown as a relay.
 
-    A change among search, relay and recovering shows after `dwell_ticks`; lost, paused and dead show at once.
+    A change among search, relay and recovering shows after `dwell_ticks`; away, lost, paused and dead show at once.
     """
 
     def __init__(self, robots: int, dwell_ticks: int = 10) -> None:
@@ -74,7 +82,7 @@ class SteadyStates:
             return self._shown
         self._since[states != self._latest] = tick
         self._latest = states
-        urgent = (states >= _LOST) | (self._shown >= _LOST) | (self._shown < 0)
+        urgent = (states >= _AWAY) | (self._shown >= _AWAY) | (self._shown < 0)
         lasting = tick - self._since >= self._dwell_ticks
         self._shown = np.where(urgent | lasting, states, self._shown)
         self._settled = key if self._shown.tobytes() == key else None

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.forwarding_table import ROW, ForwardingTable, freshness_of
-from agents.messages import ACK, MapChunk, ScanReport, Update
+from agents.messages import ACK, AHEAD, MapChunk, ScanReport, Update
 from agents.policies import policy_class
 from agents.predicted_links import PredictedLinks
 from agents.robot import Robot
@@ -21,6 +21,7 @@ from bus.codec import pack
 from deploy.scenario import load
 from medium.messages import Inbox, Reception
 from monitor_station.core import Station
+from tests.oracles.forwarding_table import check_invariants
 from world.grid import FREE, OCCUPIED
 from world.messages import Sense
 from world.terms import NOBODY, STATION
@@ -122,7 +123,7 @@ class Listener:
         ranges = np.full(180, 5.0) if self.tick % 5 == 0 else None
         sense = Sense(self.tick, self.tick == 0, 0, 28.0, 35.0, ranges)
         self.robot.step(sense, Inbox(self.tick, heard) if self.tick else None)
-        self.robot.body.router.table.check_invariants()
+        check_invariants(self.robot.body.router.table)
         self.tick += 1
 
     def until(self, tick: int) -> None:
@@ -188,6 +189,13 @@ def test_a_row_that_cannot_be_is_malformed(entry: tuple[int, int, int], bad: int
         {"acks": ACK.pack(4, 0, 2**32 - 1)},
         {"acks": ACK.pack(4, 0, 1) * 2},
         {"acks": ACK.pack(4, 0, 1) + ACK.pack(3, 0, 1)},
+        {"ahead": AHEAD.pack(4, 0, 1, 1)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(4, 0, 1, 0)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(N + 1, 0, 1, 1)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(STATION, 0, 1, 1)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(4, 0, 1, 1 << 18)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(4, 18, 1, 1)},
+        {"acks": ACK.pack(4, 0, 1), "ahead": AHEAD.pack(4, 0, 1, 1) * 2},
     ],
 )
 def test_an_update_that_cannot_be_is_malformed(fields: dict[str, Any]) -> None:
@@ -195,7 +203,8 @@ def test_an_update_that_cannot_be_is_malformed(fields: dict[str, Any]) -> None:
     listener.until(20)
     listener.step(said(2, 20, **fields))
     assert (listener.bad, list(listener.robot.body.router.neighbors.by_id)) == (1, [])
-    listener.step(said(2, 21, nms=N, hold=N, acks=ACK.pack(3, 1, 20) + ACK.pack(4, 0, 21)))
+    acks, ahead = ACK.pack(3, 1, 20) + ACK.pack(4, 0, 21), AHEAD.pack(3, 1, 16, 0b100)
+    listener.step(said(2, 21, nms=N, hold=N, acks=acks, ahead=ahead))
     assert (listener.bad, list(listener.robot.body.router.neighbors.by_id)) == (1, [2])
 
 

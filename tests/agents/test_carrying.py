@@ -12,6 +12,7 @@ from agents.config import Reporting
 from agents.map_downlink import MapCopy, MapDownlink
 from agents.messages import MapChunk, ScanReport
 from agents.neighbors import Neighbors
+from agents.room import Room
 from agents.scan_uplink import ScanUplink
 from monitor_station.map_merger import MapMerger
 from tests.helpers.routing_field import router_config
@@ -29,6 +30,10 @@ def report(cells: list[int], value: int = FREE) -> ScanReport:
     return ScanReport(0, 0, 1, np.array(cells, np.uint32), np.full(len(cells), value, np.int8))
 
 
+def boundless() -> Room:
+    return Room(None, limited=False)
+
+
 def make(uplink: ScanUplink, cells: list[int]) -> None:
     made = report(cells)
     uplink.make(made.cells, made.values, made.victims)
@@ -43,13 +48,13 @@ def test_every_report_is_merged_once_and_then_forgotten(seed: int, loss: float) 
     for tick in range(600):
         if tick < 100 and rng.random() < 0.3:
             make(uplink, [rng.randrange(400) for _ in range(5)])
-        for payload in uplink.due(tick, hops=2):
+        for payload in uplink.due(tick, 2, boundless()):
             if rng.random() >= loss:
                 merger.take(ScanReport.decode(payload))
         if rng.random() >= loss:
             acks.append(merger.acks())
         # An old acknowledgement may come late; it must not hurt.
-        uplink.acknowledge(rng.choice(acks[-3:]))
+        uplink.acknowledge(tick, rng.choice(acks[-3:]))
         assert uplink.buffered + merger.merged >= uplink.made
     assert merger.merged == uplink.made
     assert uplink.buffered == 0
@@ -58,20 +63,20 @@ def test_every_report_is_merged_once_and_then_forgotten(seed: int, loss: float) 
 def test_a_report_is_sent_again_after_twice_the_round_trip_and_not_before() -> None:
     uplink = ScanUplink(3, 0, Reporting())
     make(uplink, [1])
-    sent = [tick for tick in range(60) if uplink.due(tick, hops=4)]
+    sent = [tick for tick in range(60) if uplink.due(tick, 4, boundless())]
     assert sent == [0, 16, 32, 48]
     uplink = ScanUplink(3, 0, Reporting())
     make(uplink, [1])
-    assert [tick for tick in range(25) if uplink.due(tick, hops=1)] == [0, 10, 20]
+    assert [tick for tick in range(25) if uplink.due(tick, 1, boundless())] == [0, 10, 20]
 
 
 def test_acknowledgements_of_another_incarnation_do_not_count() -> None:
     old, new, merger = ScanUplink(3, 0, Reporting()), ScanUplink(3, 1, Reporting()), MapMerger(GEOMETRY, NOWHERE)
     for uplink in (old, new):
         make(uplink, [1])
-    for payload in old.due(0, 1):
+    for payload in old.due(0, 1, boundless()):
         merger.take(ScanReport.decode(payload))
-    new.acknowledge(merger.acks())
+    new.acknowledge(1, merger.acks())
     assert new.buffered == 1
 
 
@@ -79,13 +84,13 @@ def test_a_gap_is_not_acknowledged() -> None:
     uplink, merger = ScanUplink(3, 0, Reporting()), MapMerger(GEOMETRY, NOWHERE)
     for k in range(3):
         make(uplink, [k])
-    first, second, third = (ScanReport.decode(p) for p in uplink.due(0, 1))
+    first, second, third = (ScanReport.decode(p) for p in uplink.due(0, 1, boundless()))
     merger.take(third)
     merger.take(first)
-    uplink.acknowledge(merger.acks())
+    uplink.acknowledge(1, merger.acks())
     assert uplink.buffered == 2
     merger.take(second)
-    uplink.acknowledge(merger.acks())
+    uplink.acknowledge(2, merger.acks())
     assert uplink.buffered == 0
     assert merger.take(second) is None
 
@@ -115,7 +120,7 @@ def test_a_child_gets_every_change_in_order_whatever_is_lost(seed: int, loss: fl
         neighbors.hear(2, tick, -50.0)
         if rng.random() >= loss:
             neighbors.by_id[2].map_version = child.version
-        for node, payload in parent.due(tick, [2], neighbors):
+        for node, payload in parent.due(tick, [2], neighbors, boundless()):
             assert node == 2
             if rng.random() >= loss:
                 more, what = child.receive(MapChunk.decode(payload))
@@ -143,6 +148,6 @@ def test_a_child_that_answers_gets_each_change_once() -> None:
         neighbors.hear(2, tick, -50.0).map_version = child.version
         for payload in on_air:
             child.receive(MapChunk.decode(payload))
-        on_air = [payload for _, payload in parent.due(tick, [2], neighbors)]
+        on_air = [payload for _, payload in parent.due(tick, [2], neighbors, boundless())]
         sent += len(on_air)
     assert (sent, child.version) == (1, 10)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,10 +27,16 @@ def test_names_lead_to_classes() -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vdss", "vds, scout, or module:Class"),
+        ("vdss", "vds, scout, sortie, or module:Class"),
         ("no_such_module:Class", "cannot import no_such_module"),
         ("agents.vds:Nothing", "no class Nothing"),
         ("agents.explorer:Explorer", "derived from agents.vds.Vds"),
+        ("agents.vds:" + "N" * 100_000, "no class NN"),
+        ("m" * 100_000 + ":Class", "cannot import mm"),
+        *(
+            (name, "or module:Class")
+            for name in (":", ":X", "agents.vds:", "..:X", ".vds:Vds", "a..b:X", "a:b:c", "a b:C")
+        ),
     ],
 )
 def test_a_wrong_name_is_one_line(name: str, words: str) -> None:
@@ -38,6 +46,34 @@ def test_a_wrong_name_is_one_line(name: str, words: str) -> None:
         load("three_cells", {"policy": name})
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import sys; sys.exit(7)", "cannot import bad_policy: SystemExit: 7"),
+        ("import sys; sys.exit()", "cannot import bad_policy: SystemExit"),
+        ("raise BaseException('no')", "cannot import bad_policy: BaseException: no"),
+        ("1 / 0", "cannot import bad_policy: ZeroDivisionError"),
+        ("def f(:", "cannot import bad_policy: SyntaxError"),
+        ("raise ValueError('line\\n' * 10_000)", "cannot import bad_policy: ValueError: line?line"),
+        ("import nothing_such", "cannot import bad_policy: No module named"),
+        ("def __getattr__(name): raise SystemExit(0)", "cannot import bad_policy: SystemExit: 0"),
+        ("from agents.vds import Vds\nclass X(Vds):\n    DEFAULTS = 7", "X.DEFAULTS is not a table"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_one_line(
+    text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bad_policy.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "bad_policy", raising=False)
+    with pytest.raises(ScenarioError) as error:
+        load("three_cells", {"policy": "bad_policy:X"})
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300
 
 
 def test_a_policy_of_ones_own_runs_and_differs() -> None:

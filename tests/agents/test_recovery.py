@@ -11,7 +11,7 @@ from world.config import Fault
 from world.feed import Snapshot
 from world.recovery import Recoveries
 from world.routes import chain_from, chain_to_station
-from world.terms import NOBODY, STATION, UNREACHABLE
+from world.terms import NOBODY, STATION, UNREACHABLE, Mode
 
 CHAIN = {1: 0, 2: 1, 3: 2, 4: 3, 5: 0}
 STATION_M = (0.0, 0.0)
@@ -179,6 +179,16 @@ def test_loss_has_those_who_lose_their_route_while_it_lasts() -> None:
     watch.ticks(2, {5: NOBODY})
     verdict = watch.recoveries.verdicts()[0]
     assert verdict["orphans"] == [{"robot": 4, "detected_s": 0.3, "recovered_s": 0.5, **UNTOUCHED}]
+
+
+@pytest.mark.parametrize(("mode", "orphans"), [(Mode.AWAY, []), (Mode.LOST, [4])])
+def test_loss_is_not_blamed_for_a_sortie(mode: Mode, orphans: list[int]) -> None:
+    watch = Watch()
+    watch.fault(Fault("loss", 1.0, "", 1.0, 0.9))
+    gone = shown(watch.last.tick + 1, {**CHAIN, 4: NOBODY})
+    gone.mode[3] = mode
+    watch.recoveries.update(watch.last, gone, station_speaks=True)
+    assert watch.verdict()["orphaned"] == orphans
 
 
 def test_an_unscheduled_kill_that_turns_out_a_restart() -> None:

@@ -16,9 +16,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from bus.access import credentials, dictionary, router_config, rules, users_of
+from bus.access import MOST_BYTES, credentials, dictionary, router_config, rules, users_of
 from bus.codec import WireError
 from bus.keys import ROWS, Keys, check_run
+from bus.mailbox import PART_BYTES, Message
 from bus.session import (
     BusError,
     Login,
@@ -33,6 +34,13 @@ from bus.session import (
 
 ROBOTS = 5
 SILENCE_S = 0.3
+
+
+def next_of(mailbox: Mailbox) -> Message:
+    """The next message, however long it takes to come."""
+    while (message := mailbox.get(1.0)) is None:
+        pass
+    return message
 
 
 class Bus:
@@ -66,7 +74,7 @@ class Bus:
         return session
 
     def arrives(self, mailbox: Mailbox, key: str, data: bytes) -> bool:
-        return mailbox.get(5.0) == (key, data)
+        return next_of(mailbox) == (key, data)
 
     def silent(self, *mailboxes: Mailbox) -> bool:
         """Nothing has come, though a permitted message that was put later has."""
@@ -140,7 +148,7 @@ def test_robot_cannot_hear_what_is_not_its_own(bus: Bus, key: str) -> None:
     for other in (keys.word(5), keys.positions, keys.feed):
         bus.world.publisher(other, blocking=True)(b"truth")
     bus.login("robot-5").publisher(keys.tx(5), blocking=True)(b"frames")
-    seen = {bus.at_medium.get(5.0), bus.at_medium.get(5.0)}
+    seen = {next_of(bus.at_medium), next_of(bus.at_medium)}
     assert seen == {(keys.positions, b"truth"), (keys.tx(5), b"frames")}
     assert bus.silent(bus.at_robot)
 
@@ -174,7 +182,7 @@ def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
     watcher = context.Process(target=_watch, args=(bus.logins["station"], ready), daemon=True)
     watcher.start()
     try:
-        assert ready.wait(30.0)
+        assert ready.wait()
         assert watcher.pid is not None
         os.kill(watcher.pid, signal.SIGSTOP)
         put, answer = bus.robot.publisher(bus.keys.table(4), blocking=False), bus.keys.tx(4)
@@ -187,8 +195,7 @@ def test_a_watcher_that_hangs_delays_nobody(bus: Bus) -> None:
 
         speaker = threading.Thread(target=speak, daemon=True)
         speaker.start()
-        speaker.join(20.0)
-        assert not speaker.is_alive(), "it waits for the watcher"
+        speaker.join()  # as long as the test may take, if it waits for the watcher
         assert bus.arrives(bus.at_medium, answer, b"answer")
     finally:
         watcher.kill()
@@ -213,15 +220,25 @@ def test_who_is_frozen_may_leave_two_turns_unread(robots: int, tmp_path: Path) -
         medium.watch(tokens, medium.keys.alive("robot"))
         frozen.start()
         try:
-            assert tokens.get(30.0) is not None
+            assert next_of(tokens)
             put, turn = medium.publisher(medium.keys.rx(4, 1), blocking=True), bytes(28 * robots**2 + 40_000)
             speaker = threading.Thread(target=lambda: (put(turn), put(turn)), daemon=True)
             speaker.start()
-            speaker.join(10.0)
-            assert not speaker.is_alive(), "it waits for who is frozen"
+            speaker.join()  # as long as the test may take, if it waits for who is frozen
         finally:
             frozen.kill()
             frozen.join()
+
+
+def test_a_message_that_no_process_of_ours_sends_whole_reaches_nobody(bus: Bus) -> None:
+    """Ours send a long one in parts. A link of the other kind carries any length, and the router would collect it."""
+    key = bus.keys.tx(4)
+    with Session.connect(bus.logins["robot-4"], watching=True) as stranger:
+        put = stranger._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK).put
+        put(bytes(PART_BYTES))
+        assert bus.arrives(bus.at_medium, key, bytes(PART_BYTES))
+        put(bytes(2 * MOST_BYTES))
+        assert bus.silent(bus.at_medium)
 
 
 def test_stranger_and_wrong_password_are_refused(bus: Bus) -> None:

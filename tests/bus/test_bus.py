@@ -90,6 +90,13 @@ def test_first_process_arrives_and_a_second_is_refused() -> None:
     assert seats.came(4, 13)
 
 
+def test_who_is_refused_is_told_once_and_made_up_tokens_are_soon_told_nothing() -> None:
+    seats = Attendance()
+    told = [seats.refuse(4, token) for token in (*range(100), *range(100))]
+    assert told == [True] * 16 + [False] * 184
+    assert seats.refuse(5, 1), "another node's processes are told as ever"
+
+
 def test_silent_process_thaws_once_or_is_replaced() -> None:
     seats = Attendance()
     seats.came(4, 11)
@@ -242,7 +249,24 @@ def test_bad_credentials_file_is_one_line_and_status_2(tmp_path: Path, capsys: p
     path = tmp_path / "credentials"
     login = credentials("run", "tcp/127.0.0.1:7447", 3)["robot-3"]
     deep, long = "[" * 10**5, json.dumps({"login": plain(login), "config": {"node": "x" * 10**5, "y" * 10**5: 1}})
-    for content in (None, "", "{}", json.dumps({"login": plain(login)}), "[]", '{"login": []}', deep, long, "9" * 5000):
+    wrong = [
+        json.dumps({"login": plain(login) | {"endpoint": 7}}),
+        json.dumps({"login": plain(login) | {"user": "u" * 20_000}, "config": plain(_robot_config())}),
+        json.dumps({"login": plain(login) | {"run": "a/b\n" * 10_000}}),
+        json.dumps({"login": plain(login), "config": plain(_robot_config()) | {"robots": "x"}}),
+    ]
+    for content in (
+        None,
+        "",
+        "{}",
+        json.dumps({"login": plain(login)}),
+        "[]",
+        '{"login": []}',
+        deep,
+        long,
+        "9" * 5000,
+        *wrong,
+    ):
         if content is not None:
             path.write_text(content)
         with pytest.raises(SystemExit) as ended:

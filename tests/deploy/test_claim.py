@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import IO
 
 import pytest
 
 from deploy.processes.operator_file import OPERATOR
-from deploy.run_folder.claim import LOCK, Claim, ClaimError, new_folder
+from deploy.run_folder.claim import LOCK, Claim, ClaimError, new_folder, take_lock
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import load
 from tests import ROOT
@@ -113,6 +115,34 @@ def test_of_two_runs_in_one_folder_the_second_is_refused(tmp_path: Path, claim: 
     claim(tmp_path / "run")
     with pytest.raises(ClaimError, match=r"a run is under way there \(pid \d+\)"):
         Claim(tmp_path / "run", overwrite=True)
+
+
+def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between its opening and its locking the earlier holder gave up, and a third run has made the file anew."""
+    flock = fcntl.flock
+
+    def late(lock: IO[bytes], how: int) -> None:
+        (tmp_path / LOCK).unlink()
+        (tmp_path / LOCK).touch()
+        flock(lock, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(ClaimError, match="a run is under way there"):
+        take_lock(tmp_path / LOCK)
+
+
+def test_what_the_user_puts_there_before_the_lock_is_safe(earlier: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(path: Path) -> IO[bytes]:
+        (path.parent / "notes.txt").write_text("mine")
+        return take_lock(path)
+
+    monkeypatch.setattr("deploy.run_folder.claim.take_lock", late)
+    before = contents(earlier)
+    with pytest.raises(ClaimError, match=r"holds notes\.txt, which no run wrote"):
+        Claim(earlier, overwrite=True)
+    assert {name: text for name, text in contents(earlier).items() if name != LOCK} == {
+        name: text for name, text in before.items() if name != LOCK
+    } | {"notes.txt": b"mine"}
 
 
 HOLDER = """

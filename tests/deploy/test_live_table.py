@@ -48,6 +48,16 @@ def test_who_takes_no_part_is_called_paused_or_dead(verb: str, word: str) -> Non
     assert any(" ".join(line.split()) == f"2 SR 2 1 - {word}" for line in shown.getvalue().splitlines())
 
 
+def test_who_is_on_a_sortie_is_called_away() -> None:
+    terminal, shown = console(terminal=True)
+    table = LiveTable(terminal, ("north", "south"))
+    table.snapshot(replace(AT_1_S, mode=np.array([Mode.WALK, Mode.WALK, Mode.AWAY], np.uint8)))
+    table.close()
+    lines = [" ".join(line.split()) for line in shown.getvalue().splitlines()]
+    assert any(line.endswith("3 SR - - - away") for line in lines)
+    assert not any(line.endswith("lost") for line in lines)
+
+
 def test_the_table_shows_each_robot_and_each_cell() -> None:
     terminal, shown = console(terminal=True)
     table = LiveTable(terminal, ("north", "south"))

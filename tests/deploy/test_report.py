@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shlex
 import shutil
@@ -15,12 +17,17 @@ from typing import Any
 
 import pytest
 
+from deploy.in_process import run_in_process
 from deploy.page.charts import Bar, Line, Mark, bar_chart, line_chart
 from deploy.page.comparison_page import comparison_page
 from deploy.page.html import percent
 from deploy.page.run_page import repeat_command, report_page
 from deploy.report import main
 from deploy.run_folder.reader import read_run
+from deploy.run_folder.status import STATUSES
+from deploy.run_folder.writer import RunFolder
+from deploy.scenario import load
+from deploy.screen.view import NoView
 from tests import ROOT
 from tests.helpers.report_runs import EVIL, evil_run, short_run
 
@@ -101,20 +108,41 @@ def test_the_command_in_the_report_repeats_the_run(faulted: Path, tmp_path: Path
     script, *arguments = shlex.split(command)
     assert "--fault" not in arguments, "the scenario has it already"
     again = [sys.executable, ROOT / script, *arguments, "--in-process", "--no-recording", "-q", "--out", tmp_path]
-    subprocess.run(again, check=True, timeout=120)
+    subprocess.run(again, check=True)
     before, after = (json.loads((path / "summary.json").read_text()) for path in (faulted, tmp_path))
     assert before["trace_sha256"] == after["trace_sha256"]
 
 
-def test_the_command_names_faults_that_a_hand_made(plain: Path, tmp_path: Path) -> None:
-    shutil.copytree(plain, tmp_path / "by hand")
+def test_the_command_repeats_faults_of_a_hand_beside_planned_ones_of_the_same_verb_and_tick(
+    faulted: Path, tmp_path: Path
+) -> None:
+    """Robot 2 was killed by schedule at 5 s, and robot 3 by hand at the same tick."""
+    twice = short_run(tmp_path / "twice", "kill:2@5", "kill:3@5")
+    shutil.copytree(twice, tmp_path / "by hand")
+    shutil.copyfile(faulted / "scenario.toml", tmp_path / "by hand" / "scenario.toml")
+    summary = json.loads((twice / "summary.json").read_text())
+    (tmp_path / "by hand" / "summary.json").write_text(json.dumps({**summary, "wall_clock_faults": 1}))
+    run = read_run(tmp_path / "by hand")
+    page = Page(report_page(run)).text
+    assert "1 of its faults came at a moment of wall time" in page
+    assert f"ends with the same digest: {summary['trace_sha256']}" in page
+    script, *arguments = shlex.split(repeat_command(run))
+    again = [sys.executable, ROOT / script, *arguments, "--in-process", "--no-recording", "-q", "--out", tmp_path / "r"]
+    subprocess.run(again, check=True, timeout=300)
+    assert json.loads((tmp_path / "r" / "summary.json").read_text())["trace_sha256"] == summary["trace_sha256"]
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_the_page_speaks_of_every_status_in_words_and_promises_no_digest_of_half_a_run(
+    status: str, plain: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(plain, tmp_path / "run")
     summary = json.loads((plain / "summary.json").read_text())
-    summary["faults"] = [{"verb": "pause", "target": "3", "at_s": 4.1, "for_s": 2.5},
-                         {"verb": "loss", "probability": 0.25, "at_s": 6.0, "for_s": 3.0}]  # fmt: skip
-    (tmp_path / "by hand" / "summary.json").write_text(json.dumps(summary))
-    words = shlex.split(repeat_command(read_run(tmp_path / "by hand")))
-    assert words[2] == str(tmp_path / "by hand" / "scenario.toml")
-    assert words[3:] == ["--fault", "pause:3@4.1+2.5", "--fault", "loss:0.25@6+3"]
+    (tmp_path / "run" / "summary.json").write_text(json.dumps({**summary, "status": status}))
+    page = Page(report_page(read_run(tmp_path / "run"))).text
+    assert STATUSES[status].words in page
+    assert "_" not in STATUSES[status].words
+    assert ("same digest" in page) == (status in ("searched", "time_limit", "no_robots"))
 
 
 def test_a_comparison_shows_both_and_the_difference(plain: Path, faulted: Path) -> None:
@@ -159,6 +187,14 @@ def _damage(name: str, content: bytes) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_bytes(content)
 
 
+def _pipe(name: str) -> Callable[[Path], object]:
+    def replace(folder: Path) -> None:
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+
+    return replace
+
+
 BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "no folder": (shutil.rmtree, "no such run folder"),
     "no summary": (lambda folder: (folder / "summary.json").unlink(), "summary.json"),
@@ -171,6 +207,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "map without image": (lambda folder: (folder / "map.pgm").unlink(), "map.yaml"),
     "map damaged": (_damage("map.pgm", b"P5 what"), "map.yaml"),
     "map of another kind": (_damage("map.yaml", b"- 1\n"), "map.yaml"),
+    "metrics with a column twice": (_damage("metrics.csv", b"time_s,a,a\n1,2,3\n"), "two columns"),
+} | {
+    f"{name} a pipe": (_pipe(name), "a pipe or a device")
+    for name in ("summary.json", "metrics.csv", "events.jsonl", "scenario.toml", "map.yaml", "map.pgm")
 }
 
 
@@ -190,6 +230,45 @@ def test_bad_input_is_one_line_and_status_2(
     assert not (tmp_path / "r.html").exists()
 
 
+def test_a_folder_that_cannot_be_looked_into_is_one_line(
+    plain: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def forbidden(_: Path, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    def ask(*arguments: object) -> str:
+        assert main([*map(str, arguments), "--out", str(tmp_path / "r.html")]) == 2
+        told = capsys.readouterr()
+        assert (told.out, told.err.count("\n")) == ("", 1)
+        return told.err
+
+    assert "name too long" in ask("n" * 5000)
+    assert "name too long" in ask("--compare", plain, "n" * 5000)
+    monkeypatch.setattr(Path, "stat", forbidden)  # whoever runs the tests may look into everything
+    assert "Permission denied" in ask(plain)
+
+
+def test_a_page_goes_into_no_pipe_and_no_device(
+    plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for out in tmp_path / "pipe", Path(os.devnull), tmp_path:
+        assert main([str(plain), "--out", str(out)]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+        assert not out.is_file()
+
+
+def test_any_name_that_a_cell_may_have_comes_back(tmp_path: Path) -> None:
+    cell = 'a "b", c\'d e\u00e9 = \\ </td>'
+    asked = {"robots": 1, "duration_s": 1.0, "cell": [{"name": cell, "rectangle_m": [2.0, 2.0, 18.0, 38.0]}]}
+    scenario = load("three_cells", asked)
+    with RunFolder(tmp_path / "run", scenario) as folder:
+        run_in_process(scenario, folder, NoView(), record=False)
+    run = read_run(tmp_path / "run")
+    assert list(run.search_rates) == [cell]
+    assert_harmless(Page(report_page(run)))
+
+
 @pytest.mark.parametrize("arguments", [[], ["a", "--compare", "a", "b"], ["--compare", "a"], ["--colour", "a"]])
 def test_wrong_options_are_one_line_and_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -201,7 +280,7 @@ def test_wrong_options_are_one_line_and_status_2(arguments: list[str], capsys: p
 def test_the_script_writes_beside_the_run_or_where_it_is_told(plain: Path, tmp_path: Path) -> None:
     def report(*arguments: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / "deploy" / "report.py"), *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, cwd=tmp_path)
+        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
 
     shutil.copytree(plain, tmp_path / "run")
     assert report("run").stdout == "report: run/report.html\n"

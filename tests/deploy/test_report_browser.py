@@ -41,7 +41,7 @@ class Browser:
         assert CHROMIUM is not None
         profile = f"--user-data-dir={self._folder / 'profile'}"
         command = [CHROMIUM, *QUIET, profile, *flags, path.as_uri()]
-        return subprocess.run(command, capture_output=True, text=True, timeout=90, check=True)
+        return subprocess.run(command, capture_output=True, text=True, check=True)
 
     def read(self, path: Path) -> tuple[str, list[str], list[str]]:
         """Text of the page as the browser built it, its console, and the addresses that were asked for."""

@@ -119,6 +119,7 @@ def test_received_power_is_smoothed_only_where_it_is_noisy() -> None:
     assert smoothing(model="disk", shadowing_db=4.0) == 0.0
     assert smoothing(model="log_distance") == 0.0
     assert smoothing(model="log_distance", shadowing_db=4.0) == 1.0
+    assert smoothing(model="log_distance", fading="rician") == 1.0
 
 
 def test_a_ros_map_alone_is_a_scenario(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"robots": True}, "robots = True"),
     ({"radius_m": float("nan")}, "radius_m = nan: should be a finite number"),
     ({"radius_m": float("inf")}, "radius_m = inf"),
-    ({"radius_m": 0}, "radius_m = 0: should be greater than 0"),
+    ({"radius_m": 0}, "radius_m = 0: should be greater than or equal to 0.01"),
     ({"seed": -1}, "seed"),
     ({"duration_s": 0}, "duration_s"),
     ({"speed": "fast"}, "speed = 'fast': should be 'max' or should be a valid number"),
@@ -187,6 +188,14 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"radio.loss": 1.5}, "radio.loss = 1.5"),
     ({"radio": 3}, "radio = 3: should be a table"),
     ({"radio.loss.more": 3}, r"radio.loss = \{'more': 3\}: should be a valid number"),
+    ({"radio.fading": "rice"}, "radio.fading = 'rice'"),
+    ({"radio.fading": "rician"}, 'radio.fading = "rician" needs model = "log_distance".*not "disk"'),
+    ({"radio.coherence_s": 0.0}, "radio.coherence_s = 0"),
+    ({"radio.shadowing_correlation_m": 0.0}, "radio.shadowing_correlation_m = 0"),
+    ({"radio.burst_share": 1.0}, "radio.burst_share = 1"),
+    ({"radio.burst_s": 0.05}, "radio.burst_s = 0.05"),
+    ({"radio.burst_share": 0.9, "radio.burst_s": 0.5}, "radio.burst_s = 0.5: .*0.9.*needs burst_s >= 0.9"),
+    ({"radio.channel_bytes_s": 0}, "radio.channel_bytes_s = 0"),
     ({"lidar.beams": 2}, "lidar.beams"),
     ({"rules.routing.r_in_share": 0.95}, "r_in_share < r_out_share"),
     ({"rules.exploring.retreat_min_s": 100.0}, "retreat_min_s <= retreat_max_s"),
@@ -210,6 +219,19 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"station.safety_zone_m": [20.0, 29.0, 34.0, 41.0]}, "holds a wall"),
     ({"cell": [{"name": "a", "rectangle_m": [0, 0, 1, 1]}]}, "cell 'a'.*no free place that can be reached"),
     ({"cell": [{"name": "a", "rectangle_m": [4, 20, 9, 30]}] * 2}, "cell name 'a' is taken"),
+    ({"radius_m": 1e-300}, "radius_m = 1e-300: should be greater than or equal to 0.01"),
+    *(
+        ({f"deadlines.{key}_s": 1e-9}, f"deadlines.{key}_s = 1e-09: should be")
+        for key in ("hang", "think", "medium", "return")
+    ),
+    ({"cell": [{"name": "time_s", "rectangle_m": [4, 20, 9, 30]}]}, "cell name 'time_s' is taken"),
+    *(
+        (
+            {"cell": [{"name": name, "rectangle_m": [4, 20, 9, 30]}]},
+            "cell name '.*' has control characters or line breaks",
+        )
+        for name in ("a\u2028b", "a\x85b", "a\nb", "a\rb", "\x1b[2J")
+    ),
     ({"cell": [{"name": "a"}]}, r"cell\[1\].rectangle_m is missing"),
     ({"cell.name": "a"}, "'cell' is no table of single keys"),
     ({"victims.per_cell": 100_000}, "victims.per_cell = 100000"),

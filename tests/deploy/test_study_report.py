@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +12,12 @@ import pytest
 
 from deploy.paper.claims import fig6_claims, fig7_claims
 from deploy.paper.results_page import write_report
+from deploy.run_folder.status import ERROR
 from deploy.sweep.bounds import Bounds
 from deploy.sweep.plan import Study, Variant, load_study, points_of, study_names
 from deploy.sweep.plots import draw
 from deploy.sweep.results import Results
-from deploy.sweep.row import ERROR, Finished
+from deploy.sweep.row import Finished
 from tests.helpers.studies import rates, row
 
 BOUNDS = Bounds(60.0, 8.0, 1 / 3.6, 0.8)
@@ -56,6 +58,17 @@ def test_pictures_are_drawn_the_same_every_time(tmp_path: Path, plot: str) -> No
     assert png.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     again = draw(study, rows, series, BOUNDS, tmp_path)
     assert again[1].read_bytes() == svg.read_bytes()
+
+
+def test_any_title_and_any_number_of_cells_can_be_drawn(tmp_path: Path) -> None:
+    odd = "costs $\\frac$ and _more_ ^"
+    rows, _ = fig6_table()
+    series = {found["key"]: {"time_s": [0.0], **{f"{odd} {i}": [0.5] for i in range(9)}} for found in rows}
+    for plot in "search_rate", "variants":
+        found = [{**each, "variant": odd} for each in rows]
+        study = dataclasses.replace(a_study(plot, (odd,)), title=odd)
+        _, svg = draw(study, found, series, BOUNDS, tmp_path)
+        assert svg.read_text().count("costs $\\frac$ and _more_ ^") >= 2
 
 
 def test_fig7_marks_points_that_not_all_runs_finished(tmp_path: Path) -> None:

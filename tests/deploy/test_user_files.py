@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy import command, study
 from deploy.in_process import run_in_process
 from deploy.run_folder.writer import RunFolder
 from deploy.scenario import ScenarioError, load
@@ -16,6 +17,7 @@ from deploy.scenario.name import name_of
 from deploy.screen.view import NoView
 from deploy.sweep.plan import load_study
 from tests import ROOT
+from world.own_file import write_whole
 
 MAP = """\
 image: map.pgm
@@ -39,7 +41,7 @@ BAD_NAMES = ["../../escape", "/abs", ".", "..", ".hidden", "-rf", " x", "x ", ""
 
 def ask(script: str, *arguments: object, cwd: Path) -> tuple[int, str, str]:
     words = [sys.executable, str(ROOT / "deploy" / script), *map(str, arguments)]
-    ended = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+    ended = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
     return ended.returncode, ended.stdout, ended.stderr
 
 
@@ -161,6 +163,18 @@ def test_a_report_without_results_leaves_the_pages_that_are_there(tmp_path: Path
     assert contents(ROOT / "docs") == before
 
 
+def test_a_report_of_an_installed_package_needs_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert study.main(["report"]) == 2
+    told = capsys.readouterr()
+    assert "is no checkout" in told.err
+    assert (told.out, told.err.count("\n")) == ("", 1)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["results.md", "policies.md", "results/fig6.png"])
 def test_a_report_keeps_off_pages_of_the_users(tmp_path: Path, name: str) -> None:
     (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -182,11 +196,28 @@ def test_a_page_replaces_a_page_only(run: Path, tmp_path: Path) -> None:
     assert (run / "comparison.html").read_bytes() == (run / "scenario.toml").read_bytes()
 
 
+@pytest.mark.parametrize("name", ["page.html.part", "page.html.2.part"])
+def test_a_file_that_is_written_passes_by_what_has_the_name_of_its_draft(tmp_path: Path, name: str) -> None:
+    for each in ("page.html.part", name):
+        (tmp_path / each).write_text("precious")
+    before = contents(tmp_path)
+    for text in ("first", "second"):
+        write_whole(tmp_path / "page.html", text)
+        assert contents(tmp_path) == {**before, "page.html": text.encode()}
+
+
+def test_a_file_that_cannot_be_written_leaves_no_draft(tmp_path: Path) -> None:
+    (tmp_path / "page.html").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path / "page.html", "text")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
 def test_a_benchmark_replaces_a_benchmark_only(tmp_path: Path) -> None:
     (tmp_path / "package.json").write_text('{"mine": 1}')
     for file in tmp_path / "package.json", tmp_path / "none" / "bench.json":
         words = [sys.executable, "-m", "tests.bench", "--quick", "--json", str(file)]
-        ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
         assert (ended.returncode, ended.stdout) == (2, ""), "before anything is measured"
         assert file.name in ended.stderr
     assert (tmp_path / "package.json").read_text() == '{"mine": 1}'
@@ -203,6 +234,6 @@ def test_only_a_whole_acceptance_that_is_met_replaces_its_page(
     (tmp_path / ".venv" / "bin" / "python").write_text(f"#!/bin/sh\necho after\nexit {status}\n")
     (tmp_path / ".venv" / "bin" / "python").chmod(0o755)
     words = ["make", "-o", "setup", "acceptance", f"ARGS={arguments}"]
-    ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert bool(ended.returncode) == bool(status), ended.stderr
     assert (tmp_path / "docs" / "acceptance.md").read_text() == ("before\n" if kept else "after\n")

@@ -24,8 +24,11 @@ UNSEEN: Final = re.compile(
     r"\b(?:PROCEDURE|DESIGN|POLICY)\b"  # notes that are not in the repository
     r"|\bRECORDING \d"
     r"|\bpaper,? (?:I{1,3}|IV)\b"  # a section of the paper instead of a paragraph of ours
+    r"|\bpaper, (?:Fig|Sec|Tab)"
     r"|\bII-[A-C]\b"
 )
+FIGURE: Final = re.compile(r"\bFig\. \d")
+BARE_README: Final = re.compile(r"\bREADME\b(?!\.md)")
 PAGE: Final = re.compile(r"[\w./-]*\w\.md\b")
 FILE: Final = re.compile(rf"(?<![\w/])(?:{'|'.join(PACKAGES)})/(?:[\w/-]*/|[\w/-]+\.(?:css|py|pyx|toml)\b)")
 KEY: Final = re.compile(r"`rules\.(\w+)\.(\w+)(?: = [^`]*)?`")
@@ -70,6 +73,29 @@ def test_nothing_cites_a_document_that_is_not_here() -> None:
         for path, text in texts()
         if path != Path("docs/paper.md")
         for found in UNSEEN.finditer(text)
+    ]
+    assert wrong == []
+
+
+def test_sources_cite_a_paragraph_beside_a_figure() -> None:
+    """A figure is not in the repository; the paragraph that says what we know of it is."""
+    wrong = [
+        f"{path}: {' '.join(block.split())[:80]}"
+        for path, text in texts()
+        if path.parts[0] != "tests" and path.suffix in (".py", ".pyx", ".toml")
+        for block in re.split(r'"""|\n\n|\n(?=\w+ = )', text)
+        if FIGURE.search(block) and not CITATION.search(block) and "no figures" not in block
+    ]
+    assert wrong == []
+
+
+def test_sources_name_the_page_that_they_mean() -> None:
+    """README has a few commands only; rules stand on pages of their own."""
+    wrong = [
+        f"{path}: {found[0]}"
+        for path, text in texts()
+        if path.suffix in (".py", ".pyx", ".pyi") and path.parts[0] in PACKAGES
+        for found in BARE_README.finditer(text)
     ]
     assert wrong == []
 

@@ -21,7 +21,19 @@ import numpy as np
 from agents.config import RobotConfig
 from agents.dsdv import Router
 from agents.forwarding_table import ForwardingTable
-from agents.messages import MAP_CHUNK, SCAN_REPORT, UPDATE, MapChunk, ScanReport, Table, Update, kind_of, one_hop_on
+from agents.messages import (
+    ACK,
+    MAP_CHUNK,
+    SCAN_REPORT,
+    UPDATE,
+    MapChunk,
+    ScanReport,
+    Table,
+    Update,
+    kind_of,
+    one_hop_on,
+)  # fmt: skip
+from agents.room import Room
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError, unpack_map
 from bus.command_line import parse, parser
@@ -42,11 +54,13 @@ from deploy.scenario.files import read_toml
 from deploy.scenario.tables import validate
 from deploy.sweep.plan import load_study
 from deploy.sweep.results import Results
+from medium.config import MediumConfig
 from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
 from tests import ROOT
 from tests.fuzzing.samples import recorded, scenario
 from tests.helpers.report_runs import short_run
+from tests.oracles.forwarding_table import check_invariants
 from world.config import WorldConfig
 from world.control import Control
 from world.faults import jam_of, parse_fault
@@ -134,6 +148,7 @@ def _messages() -> Iterator[WayIn]:
         "motion": lambda data: decode_word(1, data, world), "report": lambda data: decode_word(STATION, data, world),
         f"payload {UPDATE}": Update.decode, f"payload {MAP_CHUNK}": MapChunk.decode,
         f"payload {SCAN_REPORT}": ScanReport.decode, "rows": _merge, "acks": _acknowledge,
+        "ahead": lambda ahead: _acknowledge(ACK.pack(1, 0, 1), ahead),
     }  # fmt: skip
     for kind, read in by_kind.items():
         yield WayIn(kind, read, tuple(packed[kind]))
@@ -149,20 +164,21 @@ def _merge(rows: bytes) -> object:
     try:
         return table.merge(2, rows, table.next_hops(), STATION, 100)
     finally:
-        table.check_invariants()
+        check_invariants(table)
         for dst in table.known:
             assert 0 <= dst <= 4
             table.location_m(dst), table.target_m(dst), table.cls(dst)
 
 
-def _acknowledge(acks: bytes) -> object:
+def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     config = scenario().robot_config(1)
-    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(Update(-1, -1, 0, b"", acks).encode(), 100)
+    payload = Update(-1, -1, 0, b"", acks, ahead).encode()
+    Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
         uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
-    uplink.due(100, 1)
-    return uplink.acknowledge(acks)
+    uplink.due(100, 1, Room(None, limited=False))
+    return uplink.acknowledge(100, acks, ahead)
 
 
 def _restore(journal: bytes) -> object:
@@ -217,14 +233,18 @@ def _silently(act: Callable[[str], object], text: str) -> object:
 def _files(folder: Path) -> Iterator[WayIn]:
     login = Login("run", "tcp/127.0.0.1:7447", "robot-1", "secret")
     handover, operator = folder / "handover.json", folder / "operator"
-    write_handover(handover, login, config=scenario().robot_config(1), world=scenario().world_config())
+    write_handover(
+        handover, login, config=scenario().robot_config(1), world=scenario().world_config(),
+        medium=scenario().medium_config(), users={"robot-1": "secret"},
+    )  # fmt: skip
     operator.mkdir()
     write_operator(operator, login)
     study = (ROOT / "deploy" / "studies" / "policies_limits.toml").read_bytes()
     results = Results(folder / "results")
     results.claim()
     results.note({"command": "study"})
-    part = json.dumps({"row": {"key": "a", "status": "searched"}, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
+    row = {"key": "a", "variant": "base", "status": "searched", "seed": 1, "robots": 2, "radius_m": 20.0}
+    part = json.dumps({"row": row, "series": {"time_s": [0.0], "1": [0.5]}}).encode()
 
     def through(path: Path, read: Callable[[], object], *samples: bytes) -> tuple[Callable[[bytes], object], Any]:
         def write_and_read(data: bytes) -> object:
@@ -275,7 +295,13 @@ def _configurations(path: Path) -> object:
     words = io.StringIO()
     try:
         with contextlib.redirect_stderr(words):
-            return parse(parser("fuzz", ""), ["--credentials", str(path)], config=RobotConfig, world=WorldConfig)
+            hints = {
+                "config": RobotConfig,
+                "world": WorldConfig,
+                "medium": MediumConfig,
+                "users": dict[str, str] | None,
+            }
+            return parse(parser("fuzz", ""), ["--credentials", str(path)], **hints)
     except SystemExit:
         raise ValueError(words.getvalue()) from None
 

@@ -16,6 +16,7 @@ from medium.messages import Frame, Inbox, Reception, Transmission
 from monitor_station.core import Station
 from tests.fuzzing.mutations import mutated
 from tests.fuzzing.samples import recorded, scenario
+from tests.oracles.forwarding_table import check_invariants
 from world.core import Begin, World
 from world.limits import decode_word
 from world.messages import Motion, Positions, Report, Sense
@@ -104,7 +105,7 @@ class HostileRun:
             inbox = self._passed(inbox.encode(), lambda data: Inbox.decode(data, config.robots), inbox)
         frames, answer = self._within_time(lambda: core.step(sense, inbox))
         router = core.router if isinstance(core, Station) else core.body.router
-        router.table.check_invariants()
+        check_invariants(router.table)
         assert max(router.table.known) <= config.robots, "a robot that there is not"
         assert sum(len(payload) for _, payload in frames) < MOST_FRAMES_BYTES, "frames without bound"
         if isinstance(core, Station):

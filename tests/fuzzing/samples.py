@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 
-from agents.messages import UPDATE, Update, kind_of
+from agents.messages import AHEAD, UPDATE, Update, kind_of
 from bus.envelopes import Answer, Flood, Moves, Opening, Turn
 from bus.heartbeat import Beat
 from bus.lockstep import Kind, seal
@@ -117,6 +117,7 @@ def recorded() -> Recorded:
     kept.packed["sealed"] = [seal(kind, 7, b"body") for kind in Kind]
     updates = [Update.decode(payload) for payload in kept.packed[f"payload {UPDATE}"]]
     kept.packed["acks"] = [update.acks for update in updates if update.acks]
+    kept.packed["ahead"] = [AHEAD.pack(1, 0, 1, 0b1011), AHEAD.pack(1, 0, 3, 1 << 15) + AHEAD.pack(2, 1, 0, 1)]
     kept.packed["journal"] = [bytes(simulation._journal)]
     phases = Phases(lambda: 1.0)
     phases.mark("waiting")

@@ -1,6 +1,7 @@
 """A run two of whose robots never show themselves before its first tick, as a program: `python -m ... DIR`.
 
 Robot 2 is killed as soon as its process has started, robot 3 is stopped then, and continued once the run goes on.
+Whoever waited for them until `deadlines.return_s` would wait for an hour.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class Continues(NoView):
 
 
 def main() -> int:
-    scenario = load("three_cells", {"robots": 4, "duration_s": 12.0, "speed": 2.0})
+    scenario = load("three_cells", {"robots": 4, "duration_s": 12.0, "speed": 2.0, "deadlines.return_s": 3600.0})
     with RunFolder(Path(sys.argv[1]), scenario) as folder, tempfile.TemporaryDirectory(prefix="vds-") as place:
         fleet = EarlyFleet(scenario, folder.path, local_endpoint(Path(place), 4), record=False)
         outcome = Launcher(fleet, folder, Continues()).run()

@@ -16,7 +16,7 @@ __all__ = ["readable", "rrd"]
 def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Rerun's own tool for recordings."""
     command = [sys.executable, "-m", "rerun", "rrd", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def readable(path: Path) -> Path:

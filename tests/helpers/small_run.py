@@ -20,7 +20,6 @@ from typing import Any
 
 import msgpack
 import numpy as np
-import pytest
 
 import agents.process
 import medium.process
@@ -201,7 +200,7 @@ class SmallRun:
             }
             | config
         )
-        self.medium = MediumConfig(seed=1, radius_m=50.0, geometry=GRID, occupied=free)
+        self.medium = MediumConfig(seed=1, robots=robots, radius_m=50.0, geometry=GRID, occupied=free)
         self.processes: dict[str, BaseProcess] = {}
         self.finals: dict[str, dict[str, Any]] = {}
         self.events: list[Event] = []
@@ -250,16 +249,17 @@ class SmallRun:
         assert self._operator is not None
         return self._operator.ask(self._operator.keys.control, line)
 
-    def until(self, condition: Callable[[], bool], what: str, timeout_s: float = 20.0) -> None:
-        """Read the messages of the run until a condition holds."""
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            message = self._mailbox.get(0.05)
-            if message is not None:
-                self._take(*message)
-            if time.monotonic() > deadline:
-                logs = {path.name: path.read_text()[-500:] for path in self.folder.glob("*.log")}
-                pytest.fail(f"not within {timeout_s} s: {what}; last words of {list(self.finals)}; {logs}")
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        """Read the messages of the run until a condition holds, for as long as the test may take."""
+        try:
+            while not condition():
+                message = self._mailbox.get(0.05)
+                if message is not None:
+                    self._take(*message)
+        except BaseException as error:
+            logs = {path.name: path.read_text()[-500:] for path in self.folder.glob("*.log")}
+            error.add_note(f"waited for: {what}; last words of {list(self.finals)}; {logs}")
+            raise
 
     def ticks(self, count: int) -> None:
         """Let the run go on for at least `count` ticks."""
@@ -273,9 +273,9 @@ class SmallRun:
     def present(self, node: int) -> bool:
         return bool(self.snapshots and self.snapshots[-1].present[node - 1])
 
-    def exit_codes(self, *names: str, timeout_s: float = 5.0) -> list[int | None]:
-        """How the named processes ended, which they must within `timeout_s`."""
-        self.until(lambda: all(self.processes[n].exitcode is not None for n in names), f"end of {names}", timeout_s)
+    def exit_codes(self, *names: str) -> list[int | None]:
+        """How the named processes ended, which it waits for."""
+        self.until(lambda: all(self.processes[n].exitcode is not None for n in names), f"end of {names}")
         return [self.processes[name].exitcode for name in names]
 
     def interrupt(self) -> None:
@@ -328,7 +328,7 @@ def small_run(
         try:
             run.start(absent=absent)
             if absent is None:
-                run.until(lambda: run.tick > 0, "the first ticks", 30.0)
+                run.until(lambda: run.tick > 0, "the first ticks")
             yield run
         finally:
             run.close()

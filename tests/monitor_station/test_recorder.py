@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-import time
 import warnings
 from bisect import bisect_right
 from collections import defaultdict
@@ -28,6 +27,7 @@ from monitor_station.recording.tiles import MapTiles
 from tests import ROOT
 from tests.helpers.recordings import readable, rrd
 from tests.helpers.synthetic import Mission, Moment, feed, record
+from tests.helpers.waiting import wait_until
 from world.feed import Event, Snapshot
 from world.grid import FREE, GridGeometry
 from world.terms import NOBODY, STATION, Cls, Mode
@@ -205,18 +205,18 @@ def test_unwritable_path_raises(tmp_path: Path) -> None:
         Recorder(Mission(2).config, tmp_path / "missing" / "run.rrd")
 
 
+def _listens(port: int) -> bool:
+    with socket.socket() as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
+
+
 @pytest.mark.processes
 def test_live_view_listens_on_loopback(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     recorder = Recorder(Mission(2).config, tmp_path / "run.rrd", live_port=port)
-    deadline = time.monotonic() + 10
-    while True:
-        with socket.socket() as client:
-            if client.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        assert time.monotonic() < deadline, "nobody listens"
+    wait_until(lambda: _listens(port), "somebody listens")
     recorder.close()
 
 
@@ -237,9 +237,7 @@ def test_recording_of_a_killed_process_is_readable_and_repaired(tmp_path: Path) 
     with child:
         assert child.stdout is not None
         assert child.stdout.readline() == "fed\n"
-        deadline = time.monotonic() + 20
-        while _last_tick(path) < 590:
-            assert time.monotonic() < deadline, "the file does not grow"
+        wait_until(lambda: _last_tick(path) >= 590, "the file grows")
         child.kill()
     assert _last_tick(path) >= 590
     assert rrd("verify", path).returncode != 0
@@ -295,6 +293,8 @@ def test_short_corrections_do_not_show_but_death_does_at_once() -> None:
     assert later[-1] == State.RECOVERING
     assert steady.update(45, np.array([State.DEAD]))[0] == State.DEAD
     assert steady.update(46, relay)[0] == State.RELAY
+    assert steady.update(47, np.array([State.AWAY]))[0] == State.AWAY
+    assert steady.update(48, relay)[0] == State.RELAY
 
 
 def test_tree_layout_gives_every_node_a_place_of_its_own() -> None:

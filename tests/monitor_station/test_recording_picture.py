@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import socket
 import sys
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -21,6 +20,7 @@ from rerun.experimental import ViewerClient
 
 from monitor_station.recording import palette
 from tests.helpers.synthetic import Mission, Moment, record
+from tests.helpers.waiting import wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -85,13 +85,15 @@ def take(
 ) -> Picture:
     """A picture of a tick, once its chunks are loaded: the viewer does not tell, so look until enough is `seen`."""
     viewer.set_time("sim_time", duration=tick / 10, play_state="paused")
-    deadline = time.monotonic() + 12
-    while True:
+    taken: list[Picture] = []
+
+    def complete() -> bool:
         viewer.save_screenshot(str(path))
-        picture = Picture(path, mission)
-        if (picture.found and seen(picture) >= wanted) or time.monotonic() > deadline:
-            assert picture.found, f"no map in {path}"
-            return picture
+        taken.append(Picture(path, mission))
+        return taken[-1].found and seen(taken[-1]) >= wanted
+
+    wait_until(complete, f"{wanted} of what is looked for in {path}")
+    return taken[-1]
 
 
 def shown_class(picture: Picture, x_m: float, y_m: float) -> dict[str, int]:

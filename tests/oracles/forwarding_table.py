@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from array import array
 
-from agents.forwarding_table import ROW, ForwardingTable
+from agents.forwarding_table import ROW, ForwardingTable, hop_of
 from bus.codec import WireError
-from world.terms import NOBODY, STATION, Cls
+from world.terms import NOBODY, STATION, UNREACHABLE, Cls
 
 
 def _possible(dst: int, freshness: int, sender: int, tick: int) -> bool:
@@ -15,6 +15,20 @@ def _possible(dst: int, freshness: int, sender: int, tick: int) -> bool:
     if hop == 255:
         return seqno % 2 == 1 and seqno // 2 < tick and dst != sender
     return seqno % 2 == 0 and seqno // 2 + hop < tick and (hop == 0) == (dst == sender)
+
+
+def check_invariants(table: ForwardingTable) -> None:
+    """Raise AssertionError if the columns of a table contradict one another."""
+    size = len(table._freshness)
+    assert len(table._next_hop) == size, "columns of different length"
+    assert len(table._inherent) == size * 18, "columns of different length"
+    assert sorted(table.known) == [dst for dst in range(size) if table._freshness[dst] >= 0], "known, or not?"
+    for dst in range(size):
+        freshness = table._freshness[dst]
+        finite = hop_of(freshness) < UNREACHABLE
+        assert (table._next_hop[dst] != NOBODY) == finite, f"a route to {dst} without next hop, or the reverse"
+        agree = (freshness >> 8) % 2 == (freshness & 255 == 0)
+        assert freshness < 0 or agree, f"number and metric of {dst} disagree: the metric is infinite if it is odd"
 
 
 class OracleTable(ForwardingTable):

@@ -9,14 +9,14 @@ from bus.codec import WireError
 from medium.messages import Inbox, Reception
 from world.terms import MAX_NODE
 
-_TICK = struct.Struct("<I")
+_HEAD = struct.Struct("<III")
 _HEARD = struct.Struct("<HdI")
 _BAD_INBOX = "an inbox is a run of (node, finite power, payload)"
 
 
 def encode(inbox: Inbox) -> bytes:
     """As medium.messages.Inbox.encode."""
-    parts = [_TICK.pack(inbox.tick)]
+    parts = [_HEAD.pack(inbox.tick, inbox.room_bytes, inbox.share_bytes)]
     for src, power, payload in inbox.receptions:
         parts += (_HEARD.pack(src, power, len(payload)), payload)
     return b"".join(parts)
@@ -25,7 +25,7 @@ def encode(inbox: Inbox) -> bytes:
 def decode(data: bytes) -> Inbox:
     """As medium.messages.Inbox.decode, of data that has a head."""
     heard: list[Reception] = []
-    at = _TICK.size
+    at = _HEAD.size
     while at < len(data):
         if at + _HEARD.size > len(data):
             raise WireError(_BAD_INBOX)
@@ -35,4 +35,5 @@ def decode(data: bytes) -> Inbox:
             raise WireError(_BAD_INBOX)
         heard.append((src, power, data[at : at + length]))
         at += length
-    return Inbox(_TICK.unpack_from(data)[0], tuple(heard))
+    tick, room_bytes, share_bytes = _HEAD.unpack_from(data)
+    return Inbox(tick, tuple(heard), room_bytes, share_bytes)

@@ -22,7 +22,7 @@ from agents.own_map import OwnMap
 from agents.planner import Planner
 from bus.built import LOOPS, StaleLoopsError
 from bus.codec import WireError
-from medium.messages import Inbox
+from medium.messages import UNLIMITED, Inbox
 from tests import ROOT
 from tests.oracles import inbox as oracle_inbox
 from tests.oracles import lidar as oracle_lidar
@@ -196,12 +196,12 @@ frames_heard = st.lists(st.tuples(st.integers(0, 33_000), st.floats(allow_infini
 
 
 @property_test
-@given(st.integers(0, 2**31 - 1), frames_heard, st.data())
-def test_inboxes(tick: int, heard: list[tuple[int, float, bytes]], data: st.DataObject) -> None:
-    inbox = Inbox(tick, tuple(heard))
+@given(st.integers(0, 2**31 - 1), frames_heard, st.integers(0, UNLIMITED), st.data())
+def test_inboxes(tick: int, heard: list[tuple[int, float, bytes]], room_bytes: int, data: st.DataObject) -> None:
+    inbox = Inbox(tick, tuple(heard), room_bytes, room_bytes // 5)
     packed = oracle_inbox.encode(inbox)
     assert inbox.encode() == packed
-    packed = packed[: data.draw(st.integers(max(len(packed) - 3, 4), len(packed)))]
+    packed = packed[: data.draw(st.integers(max(len(packed) - 3, 12), len(packed)))]
     outcomes: list[object] = []
     for decode in (Inbox.decode, oracle_inbox.decode):
         try:

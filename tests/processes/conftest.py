@@ -37,4 +37,4 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
         pids = [pid for name, pid in each.pids().items() if name != "launcher"]
         each.process.kill()
         each.process.communicate()
-        wait_until(lambda pids=pids: not any(map(alive, pids)), 5, "no process is left")  # type: ignore[misc]
+        wait_until(lambda pids=pids: not any(map(alive, pids)), "no process is left")  # type: ignore[misc]

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.machine.interrupts import SIGNALS
 from deploy.processes.operator_file import OPERATOR
 from tests import ROOT
 from tests.helpers.running import LONG, Running
@@ -48,7 +49,7 @@ class Place:
         return [pid for pid in self.processes() if b"vds janitor" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
     def assert_clean(self) -> None:
-        wait_until(lambda: not self.processes(), 20, "no process is left")
+        wait_until(lambda: not self.processes(), "no process is left")
         assert not list(self.path.iterdir())
 
 
@@ -76,9 +77,9 @@ def test_a_run_that_is_ended_while_it_starts_leaves_nothing(
     start: Start, place: Place, stage: str, number: signal.Signals
 ) -> None:
     running = start(*LONG, environment=place.environment)
-    wait_until(lambda: STAGES[stage](running, place), 60, stage)
+    wait_until(lambda: STAGES[stage](running, place), stage)
     running.process.send_signal(number)
-    status, _, errors = running.ended(30)
+    status, _, errors = running.ended()
     place.assert_clean()
     assert not (running.out / OPERATOR).exists()
     if number == signal.SIGKILL:
@@ -90,13 +91,13 @@ def test_a_run_that_is_ended_while_it_starts_leaves_nothing(
         assert not running.out.exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_to_the_whole_group_ends_the_run_in_order(start: Start, place: Place, number: signal.Signals) -> None:
     """As a terminal or `timeout` sends it."""
     running = start(*LONG, environment=place.environment)
     running.wait_for(3)
     os.killpg(running.process.pid, number)
-    status, _, errors = running.ended(30)
+    status, _, errors = running.ended()
     assert (status, errors) == (0, "")
     assert running.summary()["status"] == "interrupted"
     place.assert_clean()
@@ -106,14 +107,14 @@ def test_a_signal_to_the_whole_group_ends_the_run_in_order(start: Start, place: 
 def test_who_presses_ctrl_c_again_and_again_gets_the_status_of_an_interrupted_run(
     start: Start, place: Place, engine: tuple[str, ...]
 ) -> None:
-    running = start(*LONG, "--speed", 20, *engine, environment=place.environment)
-    wait_until(lambda: running.rows() > 3, 60, "some seconds are simulated")
+    running = start(*LONG, *(engine or ("--speed", 20)), environment=place.environment)
+    wait_until(lambda: running.rows() > 3, "some seconds are simulated")
     with contextlib.suppress(ProcessLookupError):
         while running.process.poll() is None:
             running.process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 running.process.wait(0.01)
-    status, _, errors = running.ended(30)
+    status, _, errors = running.ended()
     assert (status, errors) == (0, "")
     assert running.summary()["status"] == "interrupted"
     place.assert_clean()
@@ -124,13 +125,13 @@ def test_a_run_that_is_killed_with_its_janitor_is_swept_away_by_the_next(start: 
     pids = running.wait_for(1)
     for pid in (*place.janitors(), pids["launcher"]):
         os.kill(pid, signal.SIGKILL)
-    running.ended(30)
-    wait_until(lambda: not place.processes(), 20, "no process is left")
+    running.ended()
+    wait_until(lambda: not place.processes(), "no process is left")
     assert "router" in place.names()
     (place.path / "vds-my-own").mkdir()
     (place.path / "vds-0123456789ab").mkdir()
     following = start("--robots", 2, "--duration", 1, environment=place.environment)
-    assert following.ended(60)[0] == 0
+    assert following.ended()[0] == 0
     assert {path.name for path in place.path.iterdir()} == {"vds-my-own", "vds-0123456789ab"}, "others' stay"
 
 
@@ -177,8 +178,8 @@ def test_a_study_leaves_nothing_either(place: Place, tmp_path: Path, number: sig
     command = [sys.executable, str(ROOT / "deploy" / "study.py"), "endless.toml", "--workers", "2", "--out", "out"]
     environment = {**os.environ, **place.environment}
     with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as study:
-        wait_until(lambda: "events.jsonl" in place.names(), 90, "a run is under way")
+        wait_until(lambda: "events.jsonl" in place.names(), "a run is under way")
         study.send_signal(number)
-        _, errors = study.communicate(timeout=30)
+        _, errors = study.communicate()
     assert study.returncode == (-signal.SIGKILL if number == signal.SIGKILL else 130), errors
     place.assert_clean()

@@ -24,7 +24,7 @@ def told(run: SmallRun) -> list[str]:
 
 
 def test_a_frozen_process_does_not_stop_the_turns_of_its_successor() -> None:
-    with small_run(hang_deadline_s=0.5) as run:
+    with small_run(hang_deadline_s=2.0) as run:
         run.signal("robot-1", signal.SIGSTOP)
         run.until(lambda: not run.present(1), "robot 1 departed")
         run.start_robot(1, "successor")
@@ -39,9 +39,7 @@ def test_a_frozen_process_does_not_stop_the_turns_of_its_successor() -> None:
 def test_a_second_subscriber_that_stands_still_is_cut_off() -> None:
     with small_run() as run:
         run.start_rogue(stopped_listener, 2)
-        run.until(
-            lambda: "a process that listens for robot 2 took nothing: its link was cut" in told(run), "the cut", 60.0
-        )
+        run.until(lambda: "a process that listens for robot 2 took nothing: its link was cut" in told(run), "the cut")
         run.ticks(FULL)
         assert all(snapshot.present.all() for snapshot in run.snapshots)
         run.interrupt()
@@ -59,9 +57,9 @@ def test_a_sender_that_floods_is_left_out_and_nobody_else(act: Callable[[Login, 
     with small_run() as run:
         before = {name: peak_kb(run, name) for name in ("medium", "world")}
         run.start_rogue(act, 2)
-        run.until(lambda: not run.present(2), "robot 2 departed", 60.0)
+        run.until(lambda: not run.present(2), "robot 2 departed")
         assert any(text.startswith("robot 2: floods the run with messages") for text in told(run))
-        run.until(lambda: run.processes["rogue"].exitcode is not None, "all is said", 60.0)
+        run.until(lambda: run.processes["rogue"].exitcode is not None, "all is said")
         run.ticks(50)
         assert all(snapshot.present[[0, 2]].all() for snapshot in run.snapshots)
         for name, held_kb in before.items():

@@ -52,7 +52,7 @@ def test_killed_robot_is_left_out_and_its_new_process_joins() -> None:
 
 
 def test_stopped_robot_is_departed_and_joins_again_when_it_thaws() -> None:
-    with small_run(hang_deadline_s=0.3) as run:
+    with small_run(hang_deadline_s=2.0) as run:
         run.signal("robot-3", signal.SIGSTOP)
         run.until(lambda: not run.present(3), "robot 3 departed")
         run.ticks(30)
@@ -67,7 +67,7 @@ def test_stopped_robot_is_departed_and_joins_again_when_it_thaws() -> None:
 
 
 def test_new_process_replaces_a_hung_one_which_is_refused_when_it_thaws() -> None:
-    with small_run(hang_deadline_s=0.3) as run:
+    with small_run(hang_deadline_s=2.0) as run:
         run.signal("robot-1", signal.SIGSTOP)
         run.until(lambda: not run.present(1), "robot 1 departed")
         run.start_robot(1, "robot-1-again")
@@ -114,7 +114,7 @@ def test_everybody_ends_when_world_or_medium_dies(victim: str) -> None:
 
 
 def test_silent_medium_ends_the_run_as_failed() -> None:
-    with small_run(medium_deadline_s=0.5) as run:
+    with small_run(medium_deadline_s=3.0) as run:
         run.signal("medium", signal.SIGSTOP)
         run.until(lambda: "medium was silent" in run.log("world"), "the world's verdict")
         run.signal("medium", signal.SIGCONT)
@@ -128,7 +128,9 @@ def test_who_never_comes_is_named() -> None:
     with small_run(absent=2, return_deadline_s=1.0) as run:
         run.until(lambda: "world" in run.finals, "the end")
         assert run.finals["world"]["status"] == "failed"
-        assert run.finals["world"]["why"] == "not there within 1 s: robot 2"
+        before, _, absent = run.finals["world"]["why"].partition(": ")
+        assert before == "not there within 1 s"
+        assert "robot 2" in absent.split(", "), "a busy machine may keep others away for as long"
 
 
 def test_speed_and_hold_are_obeyed() -> None:
@@ -170,7 +172,7 @@ def test_world_that_raises_takes_everybody_with_it() -> None:
 
 
 def test_robot_that_talks_nonsense_holds_nobody_up() -> None:
-    with small_run(absent=3, hang_deadline_s=0.5, medium_deadline_s=5.0) as run:
+    with small_run(absent=3, hang_deadline_s=2.0) as run:
         member = Member(run.logins["robot-3"], "robot", 3, Sense.decode, Inbox.decode)
         with member:
             stray = member.session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")

@@ -22,13 +22,13 @@ def test_a_long_folder_for_temporary_files_is_no_matter(start: Start, tmp_path: 
     long = tmp_path / ("x" * 100)
     long.mkdir()
     running = start(*SHORT, environment={"TMPDIR": str(long)})
-    assert running.ended(60)[::2] == (0, "")
+    assert running.ended()[::2] == (0, "")
     assert not list(long.iterdir())
 
 
 def test_a_limit_of_open_files_is_told_before_the_start(start: Start) -> None:
     running = start(*SHORT, first=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (32, 32)))
-    status, out, errors = running.ended(30)
+    status, out, errors = running.ended()
     assert (status, out, errors.count("\n")) == (2, "", 1), errors
     assert "ulimit -n" in errors
     assert not running.out.exists()
@@ -37,12 +37,12 @@ def test_a_limit_of_open_files_is_told_before_the_start(start: Start) -> None:
 @pytest.mark.parametrize("limits", [(32, 200), (40, 2000)])
 def test_a_limit_that_may_be_raised_is(start: Start, limits: tuple[int, int]) -> None:
     running = start("--robots", 9, "--duration", 3, first=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, limits))
-    assert running.ended(60)[::2] == (0, "")
+    assert running.ended()[::2] == (0, "")
 
 
 def test_one_process_needs_few_files(start: Start) -> None:
     running = start(*SHORT, "--in-process", first=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (32, 32)))
-    assert running.ended(60)[::2] == (0, "")
+    assert running.ended()[::2] == (0, "")
 
 
 @pytest.mark.parametrize("engine", [(), ("--in-process",)], ids=["processes", "in process"])
@@ -53,7 +53,7 @@ def test_a_working_folder_that_was_deleted(tmp_path: Path, engine: tuple[str, ..
         words = command(*SHORT, "-q", *engine, "--out", out)
         ended = subprocess.run(
             ["/bin/sh", "-c", 'rmdir "$PWD" && exec "$@"', "sh", *words], cwd=here, capture_output=True, text=True,
-            timeout=60, check=False,
+            check=False,
         )  # fmt: skip
         assert (ended.returncode, ended.stderr.count("\n")) == (status, lines), ended.stderr
     assert (tmp_path / "run" / "summary.json").exists()
@@ -63,7 +63,7 @@ def test_a_working_folder_that_was_deleted(tmp_path: Path, engine: tuple[str, ..
 @pytest.mark.parametrize("engine", [(), ("--in-process",)], ids=["processes", "in process"])
 def test_a_locale_without_utf_8_takes_any_name(tmp_path: Path, engine: tuple[str, ...]) -> None:
     ended = subprocess.run(
-        command(*SHORT, *engine, "--set", 'name = "Höhle"'), cwd=tmp_path, capture_output=True, timeout=60,
+        command(*SHORT, *engine, "--set", 'name = "Höhle"'), cwd=tmp_path, capture_output=True,
         env={"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}, check=False,
     )  # fmt: skip
     assert (ended.returncode, ended.stderr) == (0, b"")
@@ -76,7 +76,7 @@ def test_a_locale_without_utf_8_takes_any_name(tmp_path: Path, engine: tuple[str
 def test_any_folder_will_do(tmp_path: Path, name: bytes) -> None:
     """Also one whose name is no text, or means something to the bus or to a terminal."""
     script = command(*SHORT)
-    ended = subprocess.run([*script, b"--out=" + name], cwd=tmp_path, capture_output=True, timeout=60, check=False)
+    ended = subprocess.run([*script, b"--out=" + name], cwd=tmp_path, capture_output=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, b"")
     (run,) = tmp_path.iterdir()
     assert bytes(run).endswith(b"/" + name)
@@ -85,7 +85,7 @@ def test_any_folder_will_do(tmp_path: Path, name: bytes) -> None:
 
 def test_output_that_cannot_show_a_name_shows_it_otherwise(tmp_path: Path) -> None:
     ended = subprocess.run(
-        command(*SHORT, "--in-process", "--out", "Höhle"), cwd=tmp_path, capture_output=True, timeout=60,
+        command(*SHORT, "--in-process", "--out", "Höhle"), cwd=tmp_path, capture_output=True,
         env={"PYTHONIOENCODING": "ascii", "LC_ALL": "C.UTF-8"}, check=False,
     )  # fmt: skip
     assert (ended.returncode, ended.stderr) == (0, b"")

@@ -43,7 +43,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(start: Start, engine: tuple[s
     assert running.process.stdout.readline().startswith("run folder")
     running.process.stdout.close()
     running.process.stdout = None
-    status, _, errors = running.ended(90)
+    status, _, errors = running.ended()
     assert (status, errors) == (0, "")
     assert running.summary()["status"] == "time_limit"
 
@@ -54,14 +54,14 @@ def test_a_full_disk_behind_standard_output_is_told_and_costs_nothing_else(
 ) -> None:
     with Path("/dev/full").open("wb") as full:
         running = start(*SHORT, *engine, stdout=full.fileno())
-    status, _, errors = running.ended(90)
+    status, _, errors = running.ended()
     assert (status, errors) == (1, "run_local.py: standard output could not be written: No space left on device\n")
     assert (running.summary()["status"], running.summary()["failures"]) == ("time_limit", [])
 
 
 def test_standard_output_that_is_closed_is_no_file_of_the_run(start: Start) -> None:
     running = start(*SHORT, first=lambda: os.close(1))
-    status, _, errors = running.ended(90)
+    status, _, errors = running.ended()
     assert (status, errors) == (0, "")
     assert b"run folder" not in b"".join(path.read_bytes() for path in running.out.rglob("*") if path.is_file())
 
@@ -74,7 +74,7 @@ def test_a_terminal_that_is_gone_is_no_matter(start: Start, engine: tuple[str, .
     os.close(slave)
     os.read(terminal, 1)
     os.close(terminal)
-    status, _, errors = running.ended(90)
+    status, _, errors = running.ended()
     assert (status, errors) == (0, "")
     assert running.summary()["status"] == "time_limit"
 
@@ -85,9 +85,9 @@ def test_a_run_ends_in_order_with_the_terminal_that_controls_it(start: Start, en
     terminal, slave = os.openpty()
     running = start(*LONG, "--speed", 20, *engine, stdout=slave, first=lambda: os.login_tty(slave))
     os.close(slave)
-    wait_until(lambda: running.rows() > 3, 60, "some seconds are simulated")
+    wait_until(lambda: running.rows() > 3, "some seconds are simulated")
     os.close(terminal)
-    assert running.ended(30)[0] == 0
+    assert running.ended()[0] == 0
     assert running.summary()["status"] == "interrupted"
     assert gone(running.pids())
     assert_readable(running.out / "recording.rrd")
@@ -100,20 +100,20 @@ def test_hanging_up_ends_a_run_in_order_but_for_nohup(start: Start, engine: tupl
 
     running, kept = start(*LONG, "--speed", 20, *engine), start(*LONG, "--speed", 20, *engine, first=nohup)
     for each in (running, kept):
-        wait_until(lambda: each.rows() > 3, 60, "some seconds are simulated")  # noqa: B023  # called at once
+        wait_until(lambda: each.rows() > 3, "some seconds are simulated")  # noqa: B023  # called at once
         each.hang_up()
-    assert running.ended(30)[::2] == (0, "")
+    assert running.ended()[::2] == (0, "")
     assert running.summary()["status"] == "interrupted"
     seen = kept.rows()
-    wait_until(lambda: kept.rows() > seen + 3, 60, "the other goes on")
+    wait_until(lambda: kept.rows() > seen + 3, "the other goes on")
     kept.process.terminate()
-    assert kept.ended(30)[::2] == (0, "")
+    assert kept.ended()[::2] == (0, "")
 
 
 @ENGINES
 def test_a_recording_that_is_cut_off_is_named_in_one_line(start: Start, engine: tuple[str, ...]) -> None:
     running = start("--robots", 3, "--duration", 60, *engine, first=limited(100))
-    status, _, errors = running.ended(60)
+    status, _, errors = running.ended()
     assert status == 1
     assert errors.count("\n") == 1, errors
     assert "recording.rrd could not be written: File too large" in errors
@@ -125,7 +125,7 @@ def test_a_recording_that_is_cut_off_is_named_in_one_line(start: Start, engine: 
 
 def test_all_that_can_not_be_written_is_named_and_the_rest_is_whole(start: Start) -> None:
     running = start("--robots", 4, "--duration", 300, "--no-recording", first=limited(8))
-    status, _, errors = running.ended(60)
+    status, _, errors = running.ended()
     assert status == 1
     named = ("journal", "map.yaml", "metrics.csv")
     assert all(f"{name} could not be written: File too large" in errors for name in named), errors
@@ -172,6 +172,6 @@ def test_the_other_commands_too(tmp_path: Path, command: list[str]) -> None:
     os.close(read)
     with Path("/dev/full").open("wb") as full, os.fdopen(write, "wb") as pipe:
         for stdout, status, lines in (pipe, 0, 0), (full, 1, 1):
-            ended = subprocess.run(asked, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+            ended = subprocess.run(asked, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
             assert (ended.returncode, ended.stderr.count("\n")) == (status, lines), ended.stderr
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["status"] == "time_limit"

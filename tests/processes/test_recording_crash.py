@@ -84,4 +84,4 @@ def test_a_run_that_is_held_has_recorded_all(tmp_path: Path) -> None:
             return max((tick for name, tick in last_ticks(path).items() if name.startswith(entity)), default=-1)
 
         for entity, late_ticks in ("/ms/robots", 1), ("/truth/robots", 5), ("/ms/map/", 11):
-            run.wait_until(lambda: latest(entity) >= held - late_ticks, 20.0)  # noqa: B023  # called at once
+            run.wait_until(lambda: latest(entity) >= held - late_ticks)  # noqa: B023  # called at once

@@ -26,7 +26,7 @@ __all__ = ["emulation"]
 
 pytestmark = pytest.mark.processes
 
-HANG_S = 1.0
+HANG_S = 2.0
 FAR_SIGHTED = """
 name = "far_sighted"
 robots = 3
@@ -52,7 +52,7 @@ def test_robots_that_think_for_long_keep_their_places_and_the_digest(
 ) -> None:
     file = tmp_path / "far_sighted.toml"
     file.write_text(FAR_SIGHTED)
-    run = emulation(file, deadlines__hang_s=0.6)
+    run = emulation(file, deadlines__hang_s=HANG_S)
     summary = run.summary
     assert (summary["status"], summary["faults"], summary["failures"]) == ("time_limit", [], [])
     assert summary["trace_sha256"] == Simulation(load(file)).run().trace_sha256
@@ -60,7 +60,7 @@ def test_robots_that_think_for_long_keep_their_places_and_the_digest(
 
 def test_a_robot_that_works_for_longer_than_the_deadline_of_a_silent_one_is_waited_for() -> None:
     with small_run(cores={2: Thinker}, hang_deadline_s=HANG_S) as run:
-        run.until(lambda: run.tick > ODD_TICK, "the tick in which robot 2 thinks", 60.0)
+        run.until(lambda: run.tick > ODD_TICK, "the tick in which robot 2 thinks")
         assert all(snapshot.present.all() for snapshot in run.snapshots)
         run.interrupt()
         assert run.finals["world"]["faults"] == []
@@ -72,7 +72,7 @@ def test_a_robot_that_works_for_longer_than_the_deadline_of_a_silent_one_is_wait
 )
 def test_a_robot_that_never_answers_is_named_and_left_out(core: type[OddSpeaker], cause: str) -> None:
     with small_run(cores={2: core}, hang_deadline_s=HANG_S, think_deadline_s=1.5) as run:
-        run.until(lambda: not run.present(2), "robot 2 departed", 60.0)
+        run.until(lambda: not run.present(2), "robot 2 departed")
         run.ticks(20)
         assert [run.present(node) for node in (1, 2, 3)] == [True, False, True]
         run.interrupt()
@@ -85,7 +85,7 @@ def test_a_robot_that_never_answers_is_named_and_left_out(core: type[OddSpeaker]
 def test_a_run_without_robots_ends_at_once_and_says_so() -> None:
     with small_run(robots=2, cores={1: Endless}, hang_deadline_s=HANG_S, think_deadline_s=1.5) as run:
         run.signal("robot-2", signal.SIGKILL)
-        run.until(lambda: "world" in run.finals, "the end", 60.0)
+        run.until(lambda: "world" in run.finals, "the end")
         final = run.finals["world"]
         assert (final["status"], final["why"]) == ("no_robots", "no robot is left, and none is due back")
         assert final["ticks"] == ODD_TICK + 1
@@ -99,7 +99,7 @@ def out_of_robots(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[int, s
         out = tmp_path_factory.mktemp("run")
         command = [sys.executable, str(ROOT / "deploy" / "run_local.py"), "--robots", "2", "--quiet", "--no-recording"]
         command += ["--fault", "kill:1@2", "--fault", "kill:2@3", "--out", str(out), *engine]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         ended.append((done.returncode, done.stderr, json.loads((out / "summary.json").read_text())))
     return ended
 
@@ -123,14 +123,14 @@ def test_when_the_world_has_ended_the_launcher_ends(tmp_path: Path) -> None:
     script, out = str(ROOT / "deploy" / "run_local.py"), tmp_path / "run"
     command = [sys.executable, script, "--robots", "2", "--quiet", "--no-recording", "--out", str(out)]
     launcher = subprocess.Popen(
-        [*command, "--set", "deadlines.medium_s=1"], stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*command, "--set", "deadlines.medium_s=5"], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     try:
-        wait_until(lambda: (out / "pids.json").exists() and "robot/2" in (out / "pids.json").read_text(), 60, "a start")
+        wait_until(lambda: (out / "pids.json").exists() and "robot/2" in (out / "pids.json").read_text(), "a start")
         pids = json.loads((out / "pids.json").read_text())
-        wait_until(lambda: (out / "metrics.csv").read_text().count("\n") > 5, 60, "some simulated seconds")
+        wait_until(lambda: (out / "metrics.csv").read_text().count("\n") > 5, "some simulated seconds")
         os.kill(pids["medium"], signal.SIGSTOP)
-        _, errors = launcher.communicate(timeout=60)
+        _, errors = launcher.communicate()
     finally:
         launcher.kill()
         launcher.wait()

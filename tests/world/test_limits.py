@@ -16,7 +16,7 @@ from world.feed import Event, Snapshot
 from world.limits import decode_word
 from world.messages import Motion, Positions, Report, Sense, Status
 from world.pace import Pace
-from world.terms import STATION
+from world.terms import STATION, Mode
 
 ROBOTS = 4
 TICK = 7
@@ -115,7 +115,7 @@ def snapshot(**columns: Any) -> Snapshot:
         {"nodes": np.array([2, 1], np.int16)},
         {"present": np.array([0, 2], np.uint8)},
         {"cls": np.array([0, 2], np.uint8)},
-        {"mode": np.array([5, 0], np.uint8)},
+        {"mode": np.array([max(Mode) + 1, 0], np.uint8)},
         {"nms": np.array([-2, 0], np.int16)},
         {"msr": np.array([0, 3], np.int16)},
         {"xy_m": np.full((2, 2), np.inf)},

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.messages import MapChunk, ScanReport, Table, Update
+from agents.messages import ACK, AHEAD, MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
 from bus.envelopes import Answer, Moves, Opening, Turn
-from medium.messages import Inbox, Transmission
+from medium.messages import UNLIMITED, Inbox, Transmission
 from world.feed import Event, Snapshot
 from world.messages import Departed, Jam, Motion, Positions, Report, Sense, Status, Stop
 
@@ -68,8 +68,14 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
     st.builds(
         Transmission, tick, node, st.lists(st.tuples(st.integers(-1, 99), st.binary()), max_size=3).map(tuple)
     ),
-    st.builds(Inbox, tick, st.lists(st.tuples(node, coordinate, st.binary()), max_size=3).map(tuple)),
-    st.builds(Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(), st.just(b"\0" * 8)),
+    st.builds(
+        Inbox, tick, st.lists(st.tuples(node, coordinate, st.binary()), max_size=3).map(tuple),
+        st.integers(0, UNLIMITED), st.integers(0, UNLIMITED),
+    ),
+    st.builds(
+        Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(),
+        st.just(ACK.pack(1, 0, 1)), st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
+    ),
     st.builds(
         ScanReport, node, node, st.integers(1, 99),
         column(np.uint32), column(np.int8, 0, 1), places,

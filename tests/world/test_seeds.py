@@ -12,7 +12,7 @@ from world.seeds import Stream, counted, link_uniforms, node_stream, sequence
 
 PACKAGES = ("agents", "world", "medium", "monitor_station", "deploy")
 SEQUENCES = (Stream.CHOICE, Stream.LOSS, Stream.STARTS, Stream.VICTIMS)
-COUNTED = (Stream.LIDAR, Stream.POSE)
+COUNTED = (Stream.LIDAR, Stream.POSE, Stream.FADING, Stream.BURSTS, Stream.SHADOWING)
 MAKERS = {"Random", "SystemRandom", "SeedSequence", "PCG64", "Philox", "RandomState", "default_rng", "seed"}
 
 

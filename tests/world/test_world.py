@@ -18,7 +18,7 @@ from world.grid import GridGeometry
 from world.grid.lines import walls_crossed
 from world.messages import Report, Sense, Status
 from world.motion import move
-from world.terms import NOBODY, UNREACHABLE, Cls
+from world.terms import NOBODY, UNREACHABLE, Cls, Mode
 
 # Movement
 
@@ -188,6 +188,25 @@ def test_the_time_limit() -> None:
     assert run.ended[-1].stop is not None
     assert run.ended[-1].stop.reason == "time_limit"
     assert run.world.final()["ticks"] == 20
+
+
+def test_a_planned_absence_is_no_lost_path_and_counts_apart() -> None:
+    run = Run(config(2))
+    gone = {"nms": NOBODY, "hops": UNREACHABLE}
+    told = []
+    for k in range(20):
+        # Robot 1 leaves at tick 5, is back at 12, and leaves again at 15; robot 2 loses its path at tick 5.
+        away = 5 <= k < 12 or k >= 15
+        run.status[1] = Status(mode=Mode.AWAY, **gone) if away else Status(nms=0, hops=1)
+        run.status[2] = Status(mode=Mode.LOST, **gone) if k >= 5 else Status(nms=0, hops=1)
+        told += [(event.node, event.tick, event.text, event.data) for event in run.tick().events]
+    assert [event for event in told if event[1] == 5] == [
+        (1, 5, "robot 1 is on a sortie", {"recovered": False, "planned": True}),
+        (2, 5, "robot 2 lost its route to the MS", {"recovered": False}),
+    ]
+    final = run.world.final()
+    assert final["planned_absences"] == {"count": 2, "fraction": 12 / 40, "longest_s": 0.7}
+    assert final["connected_fraction"] == (8 + 5) / 40
 
 
 def test_interrupted_and_failed() -> None:

@@ -21,7 +21,7 @@ cpdef Py_ssize_t crossed_by(
     double y_a,
     double x_b,
     double y_b,
-) noexcept:
+) noexcept nogil:
     """Contiguous runs of wall cells on one segment, in metres: the same when its ends are swapped."""
     cdef Py_ssize_t last = walls.shape[0] - 1, cell, along_stride, across_stride, base, crossed = 0
     cdef double along, length, slope, enter, leave
@@ -65,10 +65,11 @@ def walls_crossed(
     cdef Py_ssize_t n = a_xy.shape[0], k
     out = np.empty(n, np.int64)
     cdef int64_t[::1] crossed = out
-    for k in range(n):
-        crossed[k] = crossed_by(
-            walls, cols, resolution_m, x0_m, y0_m, a_xy[k, 0], a_xy[k, 1], b_xy[k, 0], b_xy[k, 1]
-        )
+    with nogil:
+        for k in range(n):
+            crossed[k] = crossed_by(
+                walls, cols, resolution_m, x0_m, y0_m, a_xy[k, 0], a_xy[k, 1], b_xy[k, 0], b_xy[k, 1]
+            )
     return out
 
 

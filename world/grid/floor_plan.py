@@ -12,11 +12,12 @@ from world.grid.geometry import MAX_CELLS, GridGeometry, check_grid
 
 __all__ = ["clearance", "connected_parts", "from_rectangles", "reachable", "resampled"]
 
-Rectangle = tuple[float, float, float, float]
+_Corners = tuple[float, float, float, float]
+"""x0, y0, x1, y1 in metres."""
 
 
 def from_rectangles(
-    size_m: tuple[float, float], free: Sequence[Rectangle], walls: Sequence[Rectangle], resolution_m: float
+    size_m: tuple[float, float], free: Sequence[_Corners], walls: Sequence[_Corners], resolution_m: float
 ) -> tuple[NDArray[np.bool_], GridGeometry]:
     """Carve `free` out of solid wall, then put `walls` back; a cell belongs to a rectangle that holds its center.
 
@@ -32,11 +33,11 @@ def from_rectangles(
     occupied = np.ones(geometry.size, np.bool_)
     for name, rectangles, wall in (("free", free, False), ("walls", walls, True)):
         for i, (x0, y0, x1, y1) in enumerate(rectangles, 1):
-            place = f"{name}[{i}] = {x0:g}, {y0:g}, {x1:g}, {y1:g}"
+            which = f"{name}[{i}] = {x0:g}, {y0:g}, {x1:g}, {y1:g}"
             if x0 >= x1 or y0 >= y1:
-                raise ValueError(f"{place}: a rectangle is x0, y0, x1, y1 with x0 < x1 and y0 < y1")
+                raise ValueError(f"{which}: a rectangle is x0, y0, x1, y1 with x0 < x1 and y0 < y1")
             if x0 < 0 or y0 < 0 or x1 > size_m[0] or y1 > size_m[1]:
-                raise ValueError(f"{place}: outside size_m = {size_m[0]:g}, {size_m[1]:g}")
+                raise ValueError(f"{which}: outside size_m = {size_m[0]:g}, {size_m[1]:g}")
             occupied[geometry.rectangle(x0, y0, x1, y1)] = wall
     return occupied.reshape(rows, cols), geometry
 

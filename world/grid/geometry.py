@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -52,11 +53,17 @@ class GridGeometry:
         x1_m, y1_m = self.x0_m + self.cols * self.resolution_m, self.y0_m + self.rows * self.resolution_m
         return self.x0_m <= x_m <= x1_m and self.y0_m <= y_m <= y1_m
 
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Row and column of the cell that holds a place, in the grid or not.
+
+        The loops divide and round down alike, so that on a border between two cells all name the same one.
+        """
+        return math.floor((y_m - self.y0_m) / self.resolution_m), math.floor((x_m - self.x0_m) / self.resolution_m)
+
     def index(self, x_m: float, y_m: float) -> int:
-        """Flat index of the cell that holds a point; points outside are clamped to the border cells."""
-        col = min(max(int((x_m - self.x0_m) // self.resolution_m), 0), self.cols - 1)
-        row = min(max(int((y_m - self.y0_m) // self.resolution_m), 0), self.rows - 1)
-        return row * self.cols + col
+        """Flat index of the cell that holds a place; places outside are clamped to the border cells."""
+        row, col = self.cell(x_m, y_m)
+        return min(max(row, 0), self.rows - 1) * self.cols + min(max(col, 0), self.cols - 1)
 
     def center(self, index: int) -> tuple[float, float]:
         """Center of a cell in metres."""

@@ -17,7 +17,7 @@ __all__ = ["line_of_sight", "pad", "walls_crossed"]
 
 
 def pad(occupied: NDArray[np.bool_], geometry: GridGeometry, cells: int = 1) -> tuple[NDArray[np.bool_], GridGeometry]:
-    """The grid with a frame of walls around it, `cells` wide: outside a floor plan is wall."""
+    """The grid with a rim of walls around it, `cells` wide: outside a floor plan is wall."""
     margin = cells * geometry.resolution_m
     wider = GridGeometry(
         geometry.rows + 2 * cells,

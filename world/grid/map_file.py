@@ -57,15 +57,15 @@ def read_map(path: Path, image: str | None = None) -> tuple[NDArray[np.int8], Gr
         ValueError: the YAML or the image is missing or not what it should be.
     """
     header = read_header(path)
-    place = path.parent / (header.image if image is None else image)
-    data = _image_bytes(header, place)
+    image_path = path.parent / (header.image if image is None else image)
+    data = _image_bytes(header, image_path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of what it puts right, and of sizes that are in our bounds
-        with _decoding(header, place):
+        with _decoding(header, image_path):
             picture = Image.open(io.BytesIO(data), formats=_FORMATS)
         with picture:
             geometry = header.geometry(picture.height, picture.width)
-            with _decoding(header, place):
+            with _decoding(header, image_path):
                 levels, opaque = _levels(picture)
     cells = header.values()[levels]
     if opaque is not None and header.mode != "raw":
@@ -133,21 +133,21 @@ def digest_of_map(path: Path) -> str:
     return hashlib.sha256(read_bytes(path, _MOST_BYTES) + image).hexdigest()
 
 
-def _image_bytes(header: MapHeader, place: Path) -> bytes:
+def _image_bytes(header: MapHeader, image_path: Path) -> bytes:
     try:
-        return read_bytes(place, _MOST_BYTES)
+        return read_bytes(image_path, _MOST_BYTES)
     except ValueError as error:
         hint = "; a path has / between its folders" if "\\" in header.image else ""
         raise ValueError(f"{shown(header.path)}: image: {error}{hint}") from None
 
 
 @contextlib.contextmanager
-def _decoding(header: MapHeader, place: Path) -> Iterator[None]:
+def _decoding(header: MapHeader, image_path: Path) -> Iterator[None]:
     """One line for whatever a decoder raises; bytes that are no image make Pillow raise almost anything."""
     try:
         yield
     except Image.DecompressionBombError:
-        raise ValueError(f"{shown(header.path)}: image: {shown(place)}: more than {MAX_CELLS:,} pixels") from None
+        raise ValueError(f"{shown(header.path)}: image: {shown(image_path)}: more than {MAX_CELLS:,} pixels") from None
     except Exception:
-        what = "not a whole PNG, PGM, BMP, JPEG, TIFF or GIF"
-        raise ValueError(f"{shown(header.path)}: image: {shown(place)}: {what}") from None
+        what = "not a complete PNG, PGM, BMP, JPEG, TIFF or GIF"
+        raise ValueError(f"{shown(header.path)}: image: {shown(image_path)}: {what}") from None

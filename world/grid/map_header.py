@@ -133,7 +133,7 @@ def _fields(path: Path) -> _Fields:
         if not isinstance(key, yaml.ScalarNode):
             continue
         if key.value in fields:
-            raise ValueError(f"{shown(path)}: {shown(key.value)} stands there twice (line {key.start_mark.line + 1})")
+            raise ValueError(f"{shown(path)}: {shown(key.value)} is given twice (line {key.start_mark.line + 1})")
         fields[key.value] = value
     if "image" not in fields:
         raise ValueError(f"{shown(path)}: not a ROS map: it names no image")
@@ -151,7 +151,7 @@ def _text(fields: _Fields, key: str, default: str | None = None) -> str:
 
 def _scalar(node: yaml.Node, key: str) -> str:
     if not isinstance(node, yaml.ScalarNode):
-        raise ValueError(f"{key} is a {'list' if isinstance(node, yaml.SequenceNode) else 'table'}, not a value")
+        raise ValueError(f"{key} is a {'list' if isinstance(node, yaml.SequenceNode) else 'mapping'}, not a value")
     text: str = node.value.strip()
     if not text:
         raise ValueError(f"{key} is empty")
