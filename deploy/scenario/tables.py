@@ -195,6 +195,8 @@ def checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | 
     try:
         return adapter.validate_json(text, strict=True)
     except ValidationError as error:
+        if "recursion limit" in error.errors()[0]["msg"]:  # from Python 3.12 on json itself goes deeper than pydantic
+            raise RecursionError from None
         raise ScenarioError(_first(error, raw, path)) from None
 
 
