@@ -35,6 +35,6 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
         if each.session is not None:
             each.session.close()
         pids = [pid for name, pid in each.pids().items() if name != "launcher"]
-        each.process.kill()
-        each.process.communicate()
+        with each.process:  # whatever a test has read of it, or has closed
+            each.process.kill()
         wait_until(lambda pids=pids: not any(map(alive, pids)), "no process is left")  # type: ignore[misc]
