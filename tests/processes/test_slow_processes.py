@@ -88,7 +88,7 @@ def test_a_run_without_robots_ends_at_once_and_says_so() -> None:
         run.until(lambda: "world" in run.finals, "the end")
         final = run.finals["world"]
         assert (final["status"], final["why"]) == ("no_robots", "no robot is left, and none is due back")
-        assert final["ticks"] == ODD_TICK + 1
+        assert final["ticks"] - ODD_TICK in (1, 2), "robot 2 may have answered the odd tick before it was killed"
 
 
 @pytest.fixture(scope="module")
