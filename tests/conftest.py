@@ -12,7 +12,7 @@ settings.register_profile("suite", settings(), deadline=None, suppress_health_ch
 settings.load_profile("suite")
 
 
-# A runner that ignores hang-ups or Ctrl-C, as nohup and a shell's `&` do, would hand that on to the commands under test.
+# A runner that ignores hang-ups or Ctrl-C, as nohup and a shell's `&` do, would hand that on to commands under test.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
