@@ -62,6 +62,7 @@ acceptance: setup
 	$(BIN)/python -m tests.acceptance $(ARGS) | tee build/acceptance.md
 	@$(if $(ARGS),echo "docs/acceptance.md stays: this is not the whole of it",mv build/acceptance.md docs/acceptance.md)
 
+# Trouble for 200 short runs, then five long missions. ARGS='--runs 20 --seed 7 --only robots_die' are some of them.
 chaos: setup
 	$(BIN)/python -m tests.chaos $(ARGS)
 

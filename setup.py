@@ -57,7 +57,9 @@ def cores() -> list[Extension]:
 
     names = [path for package in ("agents", "world", "medium") for path in Path(package).rglob("*.py")]
     paths = [str(name) for name in names if not any(word in name.name for word in LEFT_TO_PYTHON)]
-    station = [f"monitor_station/{name}.py" for name in ("core", "map_merger", "search_rate", "recording/states")]
+    station = [
+        f"monitor_station/{name}.py" for name in ("core", "exhaustion", "map_merger", "search_rate", "recording/states")
+    ]
     bus = [
         f"bus/{name}.py"
         for name in ("codec", "envelopes", "lockstep", "mailbox", "malformed", "member", "nodes", "phases")

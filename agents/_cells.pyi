@@ -1,23 +1,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-def seen_free(
-    cells: NDArray[np.int8],
-    rows: int,
-    cols: int,
-    resolution_m: float,
-    x0_m: float,
-    y0_m: float,
-    x_m: float,
-    y_m: float,
-    index: int,
-    d_row: NDArray[np.int64],
-    d_col: NDArray[np.int64],
-    ranges_m: NDArray[np.float64],
-    beams_per_radian: float,
-) -> NDArray[np.int64]: ...
-def hit(
-    cells: NDArray[np.int8],
+def met(
     rows: int,
     cols: int,
     resolution_m: float,
@@ -31,8 +15,72 @@ def hit(
     range_m: float,
     into_wall_m: float,
 ) -> NDArray[np.int64]: ...
-def apply(cells: NDArray[np.int8], theirs: NDArray[np.uint32], values: NDArray[np.int8]) -> NDArray[np.int64]: ...
-def carry_out(cells: NDArray[np.int8], changed: NDArray[np.uint32], values: NDArray[np.int8]) -> bool: ...
+def unreached(
+    which: NDArray[np.int64],
+    cols: int,
+    resolution_m: float,
+    x0_m: float,
+    y0_m: float,
+    x_m: float,
+    y_m: float,
+    ranges_m: NDArray[np.float64],
+    beams_per_radian: float,
+) -> NDArray[np.int64]: ...
+def passed(
+    scores: NDArray[np.int32],
+    rows: int,
+    cols: int,
+    resolution_m: float,
+    x0_m: float,
+    y0_m: float,
+    x_m: float,
+    y_m: float,
+    index: int,
+    d_row: NDArray[np.int64],
+    d_col: NDArray[np.int64],
+    ranges_m: NDArray[np.float64],
+    beams_per_radian: float,
+    hit: NDArray[np.int64],
+    both: bool,
+    miss: int,
+    worth: int,
+    settled: int,
+) -> NDArray[np.int64]: ...
+def weigh(
+    scores: NDArray[np.int32],
+    states: NDArray[np.int8],
+    which: NDArray[np.int64],
+    evidence: int,
+    worth: int,
+    settled: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]: ...
+def forget(
+    scores: NDArray[np.int32],
+    states: NDArray[np.int8],
+    which: NDArray[np.uint32],
+    values: NDArray[np.int8],
+    miss: int,
+    worth: int,
+) -> tuple[NDArray[np.int64], int]: ...
+def tally(
+    hits: NDArray[np.int32],
+    misses: NDArray[np.int32],
+    which: NDArray[np.uint32],
+    values: NDArray[np.int8],
+    odds: NDArray[np.int8],
+    miss: int,
+    worth: int,
+    settled: int,
+) -> NDArray[np.int64]: ...
+def apply(
+    odds: NDArray[np.int8],
+    scores: NDArray[np.int32],
+    states: NDArray[np.int8],
+    theirs: NDArray[np.uint32],
+    values: NDArray[np.int8],
+    worth: int,
+) -> tuple[NDArray[np.int64], int]: ...
+def carry_out(odds: NDArray[np.int8], changed: NDArray[np.uint32], values: NDArray[np.int8], settled: int) -> bool: ...
 def is_frontier(cells: NDArray[np.int8], cols: int, index: int) -> bool: ...
 def obstacles(cells: NDArray[np.int8], cols: int, u0: float, v0: float, du: float, dv: float) -> int: ...
 def newly_free(changed: NDArray[np.int64], cells: NDArray[np.int8], known: NDArray[np.uint8]) -> NDArray[np.int64]: ...

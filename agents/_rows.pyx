@@ -117,17 +117,19 @@ def update_possible(fields, int robots, long changes, uint64_t tick):
 
     Args:
         robots: the highest node that can be named.
-        changes: most changes of the MS's map.
+        changes: the highest version of the MS's map.
     """
-    if type(fields) is not list or not 6 <= len(<list>fields) <= 7:
+    if type(fields) is not list or not 7 <= len(<list>fields) <= 8:
         return False
-    _, nms, hold, version, rows, acks = (<list>fields)[:6]
+    _, nms, hold, version, rows, acks, acks_version = (<list>fields)[:7]
     if type(rows) is not bytes or type(acks) is not bytes:
         return False
-    if not (within(nms, -1, robots) and within(hold, -1, robots) and within(version, 0, changes)):
+    if not (within(nms, -1, robots) and within(hold, -1, robots)):
         return False
-    if len(<list>fields) == 7:
-        ahead = (<list>fields)[6]
+    if not (within(version, 0, changes) and within(acks_version, 0, changes)):
+        return False
+    if len(<list>fields) == 8:
+        ahead = (<list>fields)[7]
         if type(ahead) is not bytes or not acks or not ahead or not ahead_possible(ahead, robots, tick):
             return False
     return acks_possible(acks, robots, tick)

@@ -16,10 +16,10 @@ from agents.messages import Update
 from agents.room import Room
 from world.terms import STATION
 
-Acks: TypeAlias = tuple[bytes, bytes]
-"""Acknowledgements: a sequence of ACK, and one of AHEAD (agents/messages.py)."""
+Acks: TypeAlias = tuple[bytes, int, bytes]
+"""Acknowledgements: a sequence of ACK, the version of the map with these reports, and a sequence of AHEAD."""
 
-_HEAD_BYTES: Final = 32
+_HEAD_BYTES: Final = 36
 """Most that an update takes beside its columns."""
 _ROUTING_SHARE: Final = 0.5
 _ACKS_SHARE: Final = 0.125
@@ -36,8 +36,8 @@ class Announcer:
         self._next_tick = 0
         self._turn = 0
         """How many rows of others were sent; the next one is due."""
-        self._acks: Acks = b"", b""
-        """Said last."""
+        self._acks = b"", b""
+        """Sequences of ACK and of AHEAD that were said last."""
         self._acks_tick = 0
         """When they may change."""
         self._same_tick = 0
@@ -72,9 +72,10 @@ class Announcer:
 
     def _acks_due(self, tick: int, acks: Acks, room: Room, used: int) -> Acks:
         """The acknowledgements, if they fit and are worth their bytes now; else none."""
-        size = sum(map(len, acks))
-        if tick < (self._same_tick if acks == self._acks else self._acks_tick) or used + size > room.left:
-            return b"", b""
+        sequences = acks[0], acks[2]
+        size = sum(map(len, sequences))
+        if tick < (self._same_tick if sequences == self._acks else self._acks_tick) or used + size > room.left:
+            return b"", 0, b""
         wait = math.ceil(size / max(_ACKS_SHARE * room.share, 1.0))
-        self._acks, self._acks_tick, self._same_tick = acks, tick + wait, tick + max(wait, _ACKS_AGAIN_TICKS)
+        self._acks, self._acks_tick, self._same_tick = sequences, tick + wait, tick + max(wait, _ACKS_AGAIN_TICKS)
         return acks

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from agents.config import RobotConfig
 from agents.dsdv import Router
+from agents.found_bodies import Found
 from agents.ms_distance import MsDistance
 from agents.own_map import OwnMap
 from agents.planner import Planner
@@ -56,7 +57,9 @@ class Body:
         self.rng = rng
         self.router = Router(config, rng, quiet_until)
         self.map = OwnMap(config)
-        self.planner = Planner(self.map)
+        self.found = Found(config.geometry, 2.0 * config.body_radius_m)
+        """Silent bodies that the robot ran into."""
+        self.planner = Planner(self.map, self.found)
         self._from_ms = MsDistance(self.map, self.planner, config.station_m)
         self.tick = 0
         self.at: Place = config.station_m

@@ -209,6 +209,35 @@ class Sorties:
 
 
 @dataclass(frozen=True)
+class GivingWay:
+    """Robots that are in one another's way (docs/bodies.md); only with bodies. Each rule can be switched off alone."""
+
+    avoid: bool = True
+    """Choose velocities that do not lead into neighbors, make room, and back off."""
+    horizon_s: Positive = 2.0
+    """Contacts later than this do not count."""
+    weight_m: NotNegative = 0.3
+    """What a contact costs: this over the time to it."""
+    margin_m: NotNegative = 0.05
+    """Distance to others beyond contact."""
+    room_m: NotNegative = 0.3
+    """Who wants to stand keeps that far from others."""
+    held_ticks: Count = 10
+    back_s: NotNegative = 1.5
+    """Who was held up so long by a robot with right of way walks back for this long."""
+    go_round: bool = True
+    """Plan around bodies that nobody speaks for."""
+    bump_ticks: Count = 5
+    """A robot that is held up for so long, by no wall and no neighbor, has met such a body."""
+    remember_s: NotNegative = 120.0
+    clear_doors: bool = True
+    """A relay that waits in a narrow place steps on."""
+    door_width_m: Positive = 1.5
+    step_on_m: Positive = 2.0
+    stay_s: NotNegative = 5.0
+
+
+@dataclass(frozen=True)
 class Rules:
     """All rules of a robot's behavior."""
 
@@ -219,6 +248,7 @@ class Rules:
     reporting: Reporting = field(default_factory=Reporting)
     scouting: Scouting = field(default_factory=Scouting)
     sorties: Sorties = field(default_factory=Sorties)
+    giving_way: GivingWay = field(default_factory=GivingWay)
 
     def check(self) -> None:
         """Check the rules that concern several fields.
@@ -255,10 +285,16 @@ class RobotConfig:
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
     robots: int = MAX_NODE
     """N: robots are 1..N, and whoever is named beyond does not exist."""
+    lidar_noise_m: float = 0.0
+    """Standard deviation of a range, as the lidar's maker states it."""
+    pose_noise_m: float = 0.0
+    """Standard deviation of each coordinate of the own pose."""
     power_smoothing_s: float = 0.0
     """Time constant of the smoothing of received power; 0 = no smoothing."""
     wall_factor: Annotated[float, Ge(1)] = 1.0
     """Factor by which a wall in between makes a neighbor seem farther away: 1 = no difference, inf = it blocks."""
+    body_radius_m: NotNegative = 0.0
+    """Of the disc that this robot is, like all others; 0 = a point."""
     bandwidth_limited: bool = False
     """Whether the radio may take less than the robot has to say; its inbox tells how much (medium/airtime.py)."""
     policy: str = "vds"

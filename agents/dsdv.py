@@ -65,7 +65,8 @@ class Router:
             neighbor = self.neighbors.hear(src, tick, power)
             neighbor.nms, neighbor.hold, neighbor.map_version = update.nms, update.hold, update.map_version
             if update.acks:  # a neighbor whose radio is limited does not say them in every update
-                neighbor.acks, neighbor.ahead = update.acks, update.ahead
+                neighbor.acks, neighbor.acks_version = update.acks, update.acks_version
+                neighbor.ahead = update.ahead
             neighbor.ms_freshness = ms_freshness
 
     def announce_self(

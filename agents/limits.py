@@ -6,7 +6,7 @@ A frame is heard one tick after it was sent. So in tick k
     sequence number s, of h hops            s / 2 + h <= k - 1: a node issues 2 x tick, and a hop takes a tick
     hop count                               is 0 in the sender's own row, and nowhere else
     report n of a robot's incarnation i     i + n <= k: an incarnation takes a tick at least, and so does a report
-    changes of the MS's map                 are two of a cell at most: unknown, free, occupied
+    changes of the MS's map                 are to other odds than a cell had (`MapCopy`), in frames of limited length
 
 `agents/_rows.pyx` checks what stands in long columns, in the same terms.
 """
@@ -24,7 +24,6 @@ class Limits:
     def __init__(self, config: RobotConfig) -> None:
         self._robots = config.robots
         self._geometry = config.geometry
-        self._changes = 2 * config.geometry.size
         self._chunk_cells = config.rules.reporting.chunk_cells
 
     def decode_update(self, payload: bytes, tick: int) -> Update:
@@ -33,7 +32,7 @@ class Limits:
         Raises:
             WireError: it is none, or names a node that there is not, or numbers that nobody can have reached.
         """
-        return Update.decode(payload, self._robots, self._changes, tick)
+        return Update.decode(payload, self._robots, tick)
 
     def check_report(self, report: ScanReport, tick: int) -> None:
         """Check a scan report that arrives at the MS.
@@ -49,10 +48,9 @@ class Limits:
             raise WireError("a victim lies outside the grid")
 
     def check_chunk(self, chunk: MapChunk) -> None:
-        """Check the numbers of changes of the MS's map; what they change is checked by `MapCopy`.
+        """Check the number of changes of the MS's map; what they change is checked by `MapCopy`.
 
         Raises:
-            WireError: they are more than the MS makes, or sends at once.
+            WireError: they are more than the MS sends at once.
         """
-        integer(chunk.first + len(chunk.cells), 0, self._changes)
         integer(len(chunk.cells), 0, self._chunk_cells)

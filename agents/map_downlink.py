@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import _cells
+from agents.evidence import SensorModel
 from agents.messages import MapChunk
 from agents.neighbors import Neighbors
 from agents.room import Room
@@ -28,20 +29,20 @@ class MapDownlink:
     def __init__(self, chunk_cells: int) -> None:
         self._chunk_cells = chunk_cells
         self._cells: NDArray[np.uint32] = np.zeros(1024, np.uint32)
-        self._values: NDArray[np.int8] = np.zeros(1024, np.int8)
+        self._odds: NDArray[np.int8] = np.zeros(1024, np.int8)
         self.version = 0
         """Number of changes held."""
         self._sent: dict[int, tuple[int, int]] = {}
 
-    def append(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+    def append(self, cells: NDArray[np.uint32], odds: NDArray[np.int8]) -> None:
         """Add the next changes."""
         end = self.version + len(cells)
         if end > len(self._cells):
             room = max(end, 2 * len(self._cells)) - len(self._cells)
             self._cells = np.concatenate((self._cells, np.zeros(room, np.uint32)))
-            self._values = np.concatenate((self._values, np.zeros(room, np.int8)))
+            self._odds = np.concatenate((self._odds, np.zeros(room, np.int8)))
         self._cells[self.version : end] = cells
-        self._values[self.version : end] = values
+        self._odds[self.version : end] = odds
         self.version = end
 
     def due(self, tick: int, children: list[int], neighbors: Neighbors, room: Room) -> list[Frame]:
@@ -88,28 +89,29 @@ class MapDownlink:
         return max(start, sent_to) if tick - sent_tick < patience else start
 
     def _encoded(self, start: int, end: int) -> bytes:
-        return MapChunk(start, self._cells[start:end], self._values[start:end]).encode()
+        return MapChunk(start, self._cells[start:end], self._odds[start:end]).encode()
 
 
 class MapCopy(MapDownlink):
     """The changes that a robot has heard of."""
 
-    def __init__(self, chunk_cells: int, cells: NDArray[np.int8]) -> None:
-        """`cells`: the MS's map before its first change, which is carried on here."""
+    def __init__(self, chunk_cells: int, sensors: SensorModel) -> None:
         super().__init__(chunk_cells)
-        self._map = cells
+        self._map = sensors.first_odds()
+        """The MS's odds of all cells, as of the last change that is held."""
+        self._settled = sensors.settled
 
     def receive(self, chunk: MapChunk) -> tuple[NDArray[np.uint32], NDArray[np.int8]]:
-        """Take a chunk; returns the new cells and values, none of them if the chunk would leave a gap.
+        """Take a chunk; returns the new changes, none of them if the chunk would leave a gap.
 
         Raises:
-            WireError: a change outside the grid, or one that changes nothing: the MS did not make it.
+            WireError: a change that the MS did not make: outside the grid, to odds that can't be, or to none other.
         """
         known = self.version - chunk.first
         if known < 0 or known >= len(chunk.cells):
-            return chunk.cells[:0], chunk.values[:0]
-        cells, values = chunk.cells[known:], chunk.values[known:]
-        if not _cells.carry_out(self._map, cells, values):
-            raise WireError("a change of the map that changes nothing, or of no cell")
-        self.append(cells, values)
-        return cells, values
+            return chunk.cells[:0], chunk.odds[:0]
+        cells, odds = chunk.cells[known:], chunk.odds[known:]
+        if not _cells.carry_out(self._map, cells, odds, self._settled):
+            raise WireError("a change of the map that changes nothing, or of no cell, or to what no cell can be")
+        self.append(cells, odds)
+        return cells, odds

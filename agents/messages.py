@@ -62,44 +62,48 @@ class Update:
     """A sequence of agents.forwarding_table.ROW; `ForwardingTable.merge` checks it."""
     acks: bytes
     """A sequence of ACK that belongs to the MS's entry; empty: nothing is said of them."""
+    acks_version: int
+    """Number of the map changes that the MS had made with these reports: the map contains them from then on."""
     ahead: bytes
     """A sequence of AHEAD that goes with `acks`."""
 
-    def __init__(self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes, ahead: bytes = b"") -> None:
+    def __init__(
+        self, nms: int, hold: int, map_version: int, rows: bytes, acks: bytes, acks_version: int = 0, ahead: bytes = b""
+    ) -> None:
         self.nms = nms
         self.hold = hold
         self.map_version = map_version
         self.rows = rows
         self.acks = acks
+        self.acks_version = acks_version
         self.ahead = ahead
 
     def encode(self) -> bytes:
-        fields = UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks
+        fields = UPDATE, self.nms, self.hold, self.map_version, self.rows, self.acks, self.acks_version
         return pack((*fields, self.ahead) if self.ahead else fields)
 
     @staticmethod
-    def decode(data: bytes, robots: int = MAX_NODE, changes: int = MAX_TICK, tick: int = MAX_TICK) -> Update:
+    def decode(data: bytes, robots: int = MAX_NODE, tick: int = MAX_TICK) -> Update:
         """Everything is checked but the rows, which are checked where they are merged.
 
         Args:
             data: as encoded.
             robots: N, the highest node that can be named.
-            changes: most changes of the MS's map.
             tick: in which it is heard.
 
         Raises:
             WireError: it is no update, or one with a node or a number that can't be (agents/limits.py).
         """
         fields = unpacked(data)
-        if not _rows.update_possible(fields, robots, changes, tick):
+        if not _rows.update_possible(fields, robots, MAX_TICK, tick):
             raise WireError("no update, or one with a node, a number or acknowledgements that can't be")
-        _, nms, hold, version, rows, acks, *ahead = fields
-        return Update(nms, hold, version, rows, acks, *ahead)
+        _, nms, hold, version, rows, acks, acks_version, *ahead = fields
+        return Update(nms, hold, version, rows, acks, acks_version, *ahead)
 
 
 @dataclass(slots=True, init=False)
 class ScanReport:
-    """What one lidar scan changed in its robot's map, or a part of that. It travels hop by hop to the MS."""
+    """What one lidar scan is evidence for (agents/evidence.py), or a part of that. It travels hop by hop to the MS."""
 
     HEAD_BYTES: ClassVar[int] = 40
     """Most that an encoded report takes beside its cells and victims."""
@@ -113,6 +117,7 @@ class ScanReport:
     """Counts from 1 within the incarnation."""
     cells: NDArray[np.uint32]
     values: NDArray[np.int8]
+    """FREE for a cell that was missed, OCCUPIED for one that was hit."""
     victims: tuple[tuple[int, float, float], ...]
 
     def __init__(
@@ -146,7 +151,7 @@ class ScanReport:
         indices = column(cells, _U4)
         return ScanReport(
             integer(origin, 0, MAX_NODE), integer(incarnation, 0, MAX_NODE), integer(number, 1, MAX_TICK),
-            indices, _cell_values(values, len(indices)), sightings(victims),
+            indices, _votes(values, len(indices)), sightings(victims),
         )  # fmt: skip
 
 
@@ -168,11 +173,11 @@ def body_of(onward: bytes) -> bytes:
     return onward[3:]
 
 
-def _cell_values(raw: object, length: int) -> NDArray[np.int8]:
+def _votes(raw: object, length: int) -> NDArray[np.int8]:
     values = column(raw, _I1, length)
     assert isinstance(raw, bytes), "or else it is no column"
     if raw.translate(None, b"\0\1"):
-        raise WireError("a cell is neither free nor occupied")
+        raise WireError("a cell is neither missed nor hit")
     return values
 
 
@@ -186,22 +191,23 @@ class MapChunk:
 
     first: int
     cells: NDArray[np.uint32]
-    values: NDArray[np.int8]
+    odds: NDArray[np.int8]
+    """What a cell's odds are since that change (agents/evidence.py): states, nothing to add."""
 
-    def __init__(self, first: int, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+    def __init__(self, first: int, cells: NDArray[np.uint32], odds: NDArray[np.int8]) -> None:
         self.first = first
         self.cells = cells
-        self.values = values
+        self.odds = odds
 
     def encode(self) -> bytes:
         cells = self.cells.astype(_U4, copy=False).tobytes()
-        return pack((MAP_CHUNK, self.first, cells, self.values.astype(_I1, copy=False).tobytes()))
+        return pack((MAP_CHUNK, self.first, cells, self.odds.astype(_I1, copy=False).tobytes()))
 
     @staticmethod
     def decode(data: bytes) -> MapChunk:
-        _, first, cells, values = unpack(data, 4)
+        _, first, cells, odds = unpack(data, 4)
         indices = column(cells, _U4)
-        return MapChunk(integer(first, 0, MAX_TICK), indices, _cell_values(values, len(indices)))
+        return MapChunk(integer(first, 0, MAX_TICK), indices, column(odds, _I1, len(indices)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ class MsDistance:
                 source = self._planner.nearest_free(self._map.geometry.index(*self._station_m))
                 kept = self._reach
                 if kept is None or kept.source != source or not kept.follow(self._map.cells, changed):
-                    self._reach = self._planner.reach(source)
+                    self._reach = self._planner.reach(source, around=False)
                 self._seen, self._made_tick = seen, tick
         assert self._reach is not None
         return self._reach

@@ -26,6 +26,7 @@ class Neighbor:
     ms_freshness: int = -1
     """Freshness of its own entry for the MS (agents/forwarding_table.py)."""
     acks: bytes = b""
+    acks_version: int = 0
     ahead: bytes = b""
 
     @property

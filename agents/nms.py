@@ -39,8 +39,10 @@ class MsRoute:
         self._frozen_until = -1
         self.acks = b""
         """Acknowledgements of the MS (ACK), as the NMS said them last."""
+        self.acks_version = 0
+        """The version of the MS's map that contains these reports."""
         self.ahead = b""
-        """Those beyond gaps (AHEAD), likewise."""
+        """Acknowledgements beyond gaps (AHEAD), likewise."""
 
     @property
     def nms(self) -> int:
@@ -71,8 +73,8 @@ class MsRoute:
                 self._adopt(self._shortcut(tick))
         nms = self.nms
         if nms != NOBODY:
-            neighbor = self._neighbors.by_id[nms]
-            self.acks, self.ahead = neighbor.acks, neighbor.ahead
+            heard = self._neighbors.by_id[nms]
+            self.acks, self.acks_version, self.ahead = heard.acks, heard.acks_version, heard.ahead
 
     def weak(self, tick: int) -> bool:
         """Whether the link to the NMS is weak: rule b applies, and the robot traces its NMS (rule A [paper 3.7])."""

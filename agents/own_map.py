@@ -1,7 +1,6 @@
-"""A robot's own map: the cells that its lidar saw, and those that the MS sent down.
+"""A robot's own map: the MS's map as it came down, and what the own lidar saw and the MS's map does not contain yet.
 
-Free cells come from the inverse range-sensor model of Thrun, Burgard & Fox, Probabilistic Robotics, table 9.2: a cell
-is free if its center is nearer than the range of the beam that points at it. Occupied beats free beats unknown.
+What hits and misses make of a cell stands in agents/evidence.py.
 """
 
 from __future__ import annotations
@@ -14,12 +13,23 @@ from numpy.typing import NDArray
 
 from agents import _cells
 from agents.config import RobotConfig
-from world.grid import FREE, OCCUPIED, UNKNOWN
-
-_INTO_WALL_M: Final = 1e-9
-"""How far behind the end of a beam the wall's cell is looked up. Ranges are exact, so this only outdoes rounding."""
+from agents.evidence import SCANS_OF_A_PLACE, SensorModel
+from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 _NONE: Final = np.zeros(0, np.int64)
+
+
+def frontiers(states: NDArray[np.int8], geometry: GridGeometry) -> NDArray[np.int64]:
+    """Flat indices, ascending, of the cells of a map that are known free and have an unknown one beside them."""
+    grid = states.reshape(geometry.rows, geometry.cols)
+    unknown = grid == UNKNOWN
+    beside = np.zeros_like(unknown)
+    beside[1:] |= unknown[:-1]
+    beside[:-1] |= unknown[1:]
+    beside[:, 1:] |= unknown[:, :-1]
+    beside[:, :-1] |= unknown[:, 1:]
+    beside &= grid == FREE
+    return np.flatnonzero(beside)
 
 
 class OwnMap:
@@ -27,6 +37,7 @@ class OwnMap:
 
     def __init__(self, config: RobotConfig) -> None:
         self.geometry = config.geometry
+        self._sensors = SensorModel(config)
         self._range_m = config.lidar_range_m
         self._beams = config.lidar_beams
         self._beams_per_radian = config.lidar_beams / (2.0 * math.pi)
@@ -38,58 +49,103 @@ class OwnMap:
         near = np.hypot(d_row, d_col) * self.geometry.resolution_m <= config.lidar_range_m + self.geometry.resolution_m
         self._d_row, self._d_col = d_row[near], d_col[near]
         self.cells = self.geometry.blank(config.safety_zone_m)
+        self._odds = self._sensors.first_odds()
+        """Of each cell, as the MS has told."""
+        self._scores: NDArray[np.int32] = self._odds.astype(np.int32)
+        """Of each cell, by those odds and the own reports that they do not contain."""
+        self._place_m = (0.0, 0.0)
+        """Where the robot has been scanning since it last moved on ..."""
+        self._scans_here = 0
+        """... and how often."""
         self.version = 0
         """Rises with every change."""
+        self.reverted = 0
+        """How many times a cell that was known to be free was so no longer."""
         self._changed = [np.flatnonzero(self.cells == FREE)]
 
     def integrate(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """Integrate a scan taken at a place; returns the cells that changed and their new values.
+    ) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
+        """Integrate a scan taken at a place.
+
+        Returns:
+            The cells on which it is evidence that counts, each once; FREE for a miss or OCCUPIED for a hit; and how
+            many cells were unknown and are free now.
 
         Raises:
             ValueError: the scan has not the configured number of beams.
         """
         if len(ranges_m) != self._beams:
             raise ValueError(f"a scan has {self._beams} ranges, not {len(ranges_m)}")
-        free = self._seen_free(x_m, y_m, ranges_m)
+        if not self._counts_here(x_m, y_m):
+            return _NONE, self.cells[:0], 0
         hit = self._hit(x_m, y_m, ranges_m)
-        if not free.size and not hit.size:
-            return free, self.cells[:0]
-        self.cells[free] = FREE
-        self.cells[hit] = OCCUPIED
-        self.version += 1
-        changed = np.concatenate((free[self.cells[free] == FREE], hit))
-        self._changed.append(changed)
-        return changed, self.cells[changed]
+        missed, freed = self._weigh(self._missed(x_m, y_m, ranges_m, hit), -self._sensors.miss)
+        hit, _ = self._weigh(hit, self._sensors.worth)
+        values = np.zeros(len(missed) + len(hit), np.int8)
+        values[len(missed) :] = OCCUPIED
+        return np.concatenate((missed, hit)), values, int(np.count_nonzero(self.cells[freed] == FREE))
 
-    def _seen_free(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Unknown cells that a scan shows to be free."""
+    def _counts_here(self, x_m: float, y_m: float) -> bool:
+        """Whether a scan from here is evidence: with noise, only a few from one place are."""
+        if self._sensors.exact:
+            return True
+        if self._scans_here == 0 or math.dist(self._place_m, (x_m, y_m)) > self._sensors.place_m:
+            self._place_m, self._scans_here = (x_m, y_m), 0
+        self._scans_here += 1
+        return self._scans_here <= SCANS_OF_A_PLACE
+
+    def _missed(
+        self, x_m: float, y_m: float, ranges_m: NDArray[np.float64], hit: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Cells, besides those that it hit, that a scan shows to be free, where that counts."""
         g = self.geometry
-        return _cells.seen_free(
-            self.cells, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m),
-            self._d_row, self._d_col, ranges_m, self._beams_per_radian,
+        return _cells.passed(
+            self._scores, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m),
+            self._d_row, self._d_col, ranges_m, self._beams_per_radian, hit, not self._sensors.exact,
+            self._sensors.miss, self._sensors.worth, self._sensors.settled,
         )  # fmt: skip
 
     def _hit(self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Cells, ascending, that a scan shows to be walls and that are not yet known as such."""
+        """Cells, ascending, that a scan shows to be wall."""
         g = self.geometry
-        cells = _cells.hit(
-            self.cells, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m,
-            ranges_m, self._cos, self._sin, self._range_m, _INTO_WALL_M,
+        cells = _cells.met(
+            g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m,
+            ranges_m, self._cos, self._sin, self._range_m, self._sensors.into_wall_m,
         )  # fmt: skip
-        return np.array(sorted(set(cells.tolist())), np.int64)
+        ends = np.array(sorted(set(cells.tolist())), np.int64)
+        if self._sensors.exact:
+            return ends
+        return _cells.unreached(
+            ends, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, ranges_m, self._beams_per_radian
+        )
 
-    def apply(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
-        """Merge cells that came from the MS.
+    def _weigh(self, cells: NDArray[np.int64], evidence: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Add evidence where it counts; returns the cells where it did, and those whose state changed."""
+        counted, changed, lost = _cells.weigh(
+            self._scores, self.cells, cells, evidence, self._sensors.worth, self._sensors.settled
+        )
+        self._note(changed, lost)
+        return counted, changed
+
+    def apply(self, cells: NDArray[np.uint32], odds: NDArray[np.int8]) -> None:
+        """Take over the odds of cells from the MS (agents/evidence.py).
 
         Raises:
             IndexError: a cell lies outside the grid.
         """
-        new = _cells.apply(self.cells, cells, values)
-        if new.size:
-            self._changed.append(new)
+        self._note(*_cells.apply(self._odds, self._scores, self.cells, cells, odds, self._sensors.worth))
+
+    def forget(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
+        """Drop the evidence of an own report, since the MS's odds contain it."""
+        self._note(*_cells.forget(self._scores, self.cells, cells, values, self._sensors.miss, self._sensors.worth))
+
+    def _note(self, changed: NDArray[np.int64], lost: int) -> None:
+        """Note the cells whose state changed, and how many of them are known to be free no longer."""
+        if changed.size:
+            self._changed.append(changed)
             self.version += 1
+            self.reverted += lost
 
     def changes(self, since: int) -> tuple[NDArray[np.int64], int]:
         """Cells that changed since a mark (0 at first), in any order, some perhaps twice; and the next mark."""
@@ -102,15 +158,7 @@ class OwnMap:
 
     def frontiers(self) -> NDArray[np.int64]:
         """Flat indices, ascending, of all frontier cells."""
-        grid = self.cells.reshape(self.geometry.rows, self.geometry.cols)
-        unknown = grid == UNKNOWN
-        beside = np.zeros_like(unknown)
-        beside[1:] |= unknown[:-1]
-        beside[:-1] |= unknown[1:]
-        beside[:, 1:] |= unknown[:, :-1]
-        beside[:, :-1] |= unknown[:, 1:]
-        beside &= grid == FREE
-        return np.flatnonzero(beside)
+        return frontiers(self.cells, self.geometry)
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
         """Whether every cell on a segment is known free."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import _cells, _search
+from agents.found_bodies import Found
 from agents.own_map import OwnMap
 from world.grid import FREE, OCCUPIED, GridGeometry
 
@@ -137,11 +138,23 @@ class Reach:
         self._blocks = None
 
 
+def reach_over(states: NDArray[np.int8], geometry: GridGeometry, source: int) -> Reach:
+    """Shortest paths over the free cells of a map, from one of them."""
+    window = Window(geometry, (0, geometry.rows), (0, geometry.cols))
+    reach = Reach(source, window)
+    reach.search(states, np.array([window.index(source)], np.int64))
+    return reach
+
+
 class Planner:
     """Searches one map."""
 
-    def __init__(self, own_map: OwnMap) -> None:
+    def __init__(self, own_map: OwnMap, found: Found | None = None) -> None:
+        """`found`: bodies around which paths lead; they are no part of the map."""
         self._map = own_map
+        self._found = found
+        self.led_aside = False
+        """Whether others led the robot off its path in the last tick, or held it up."""
         self._known = np.zeros(own_map.geometry.size, np.uint8)
         self._discovered: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         """Cells in the order in which they became known as free."""
@@ -170,14 +183,29 @@ class Planner:
         rows_of, cols_of = np.divmod(free, cols)
         return int(free[int(np.argmin((rows_of - row) ** 2 + (cols_of - col) ** 2))])
 
-    def reach(self, source: int, limit_m: float = math.inf) -> Reach:
-        """Shortest paths from a known free cell; cells farther than `limit_m` count as unreachable."""
-        return self._search(source, limit_m, -1)
+    def reach(self, source: int, limit_m: float = math.inf, *, around: bool = True) -> Reach:
+        """Shortest paths from a known free cell; cells farther than `limit_m` count as unreachable.
+
+        `around`: not through bodies found, which are there for a while only.
+        """
+        return self._search(source, limit_m, -1, around=around)
 
     def path(self, source: int, cell: int) -> list[int]:
         """The cells on the shortest path between two known free cells, without the first; none if there is no path."""
         reach = self._search(source, math.inf, cell)
         return reach.path(cell) if reach.length_m(cell) < math.inf else []
+
+    def clear_line(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
+        """Whether every cell on a segment is known free, and no body found stands in its way."""
+        return self._map.clear_line(*a, *b) and (not self._found or self._found.clear(a, b))
+
+    def _cells(self) -> NDArray[np.int8]:
+        """The map; where bodies found stand, a copy with these as walls."""
+        if not self._found:
+            return self._map.cells
+        cells = self._map.cells.copy()
+        cells[self._found.cells()] = OCCUPIED
+        return cells
 
     def _discover(self) -> None:
         changed, self._seen = self._map.changes(self._seen)
@@ -200,7 +228,7 @@ class Planner:
             max(end_col, min((high_col // _BOX_STEP + 1) * _BOX_STEP, g.cols)),
         )
 
-    def _search(self, source: int, limit_m: float, until: int) -> Reach:
+    def _search(self, source: int, limit_m: float, until: int, *, around: bool = True) -> Reach:
         """Shortest paths. Those longer than the path to the cell `until` may be missing or too long."""
         self._discover()
         g = self._map.geometry
@@ -217,7 +245,7 @@ class Planner:
         window = Window(g, (rows, end_row), (cols, end_col))
         reach = Reach(source, window)
         reach.search(
-            self._map.cells,
+            self._cells() if around else self._map.cells,
             np.array([window.index(source)], np.int64),
             limit_m,
             -1 if until < 0 else window.index(until),

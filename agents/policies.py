@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from agents.scout import Scout
 from agents.sortie import Sortie
 from agents.vds import Vds
+from bus.culprit import culprit
 from bus.excerpt import shown
 
 _NAMED: dict[str, type[Vds]] = {"vds": Vds, "scout": Scout, "sortie": Sortie}
@@ -39,8 +40,11 @@ def policy_class(name: str) -> type[Vds]:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a module may raise anything, and end the process by SystemExit
-        why = str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
-        raise PolicyError(f"cannot import {shown(module)}: {shown(why, 150)}") from error
+        kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
+        why = error.msg if isinstance(error, SyntaxError) else str(error)
+        where = culprit(error)
+        line = f" ({shown(where, 100)})" if where else ""
+        raise PolicyError(f"cannot import {shown(module)}: {kind}{shown(why, 60)}{line}") from None
     if not (isinstance(found, type) and issubclass(found, Vds)):
         raise PolicyError(f"{shown(module)} has no class {shown(attribute)} derived from agents.vds.Vds")
     if not isinstance(found.DEFAULTS, Mapping) or not all(isinstance(key, str) for key in found.DEFAULTS):

@@ -10,8 +10,11 @@ import numpy as np
 from agents.announcer import Announcer
 from agents.body import Action, Body
 from agents.config import RobotConfig
+from agents.evidence import SensorModel
+from agents.giving_way import GivingWay
 from agents.map_downlink import MapCopy
 from agents.messages import MAP_CHUNK, SCAN_REPORT, MapChunk, Table
+from agents.own_reports import OwnReports
 from agents.payloads import sort_payloads
 from agents.room import Room
 from agents.scan_uplink import ScanUplink
@@ -46,10 +49,12 @@ class Robot:
         """Called at the end of each phase of a step."""
         self.body = Body(config, rng, quiet_until)
         self.policy = policy(self.body)
+        self._giving_way = GivingWay(self.body)
         reporting = config.rules.reporting
         self._store_and_forward = reporting.store_and_forward
         self.uplink = ScanUplink(config.node, incarnation, reporting, limited=config.bandwidth_limited)
-        self.downlink = MapCopy(reporting.chunk_cells, config.geometry.blank(config.safety_zone_m))
+        self.downlink = MapCopy(reporting.chunk_cells, SensorModel(config))
+        self._own_reports = OwnReports()
         self._announcer = Announcer(self.body.router)
         self._handlers: dict[int, Callable[[bytes], None]] = {
             SCAN_REPORT: self.uplink.carry,
@@ -80,36 +85,44 @@ class Robot:
             self.uplink.acknowledge(tick, body.router.ms.acks, body.router.ms.ahead)
         except WireError:
             self.bad_frames += 1
+        for numbered in self.uplink.numbered():
+            self._own_reports.add(*numbered)
+        for report in self._own_reports.contained(
+            self.uplink.acknowledged, body.router.ms.acks_version, self.downlink.version
+        ):
+            body.map.forget(*report)
         if sense.ranges_m is not None:
             self._scan(sense)
         mark("mapping")
         action = self._action = self.policy.step()
+        velocity = self._giving_way.velocity(action)
         mark("planning")
         body.router.announce_self(tick, body.at, action.cls, action.target_m, need=action.need)
         room = Room(inbox, limited=self.config.bandwidth_limited)
-        return self._frames(tick, action, room), Motion(tick, *action.velocity_m_s, self._status(action))
+        return self._frames(tick, action, room), Motion(tick, *velocity, self._status(action))
 
     def _take_map(self, payload: bytes) -> None:
         chunk = MapChunk.decode(payload)
         self.body.router.limits.check_chunk(chunk)
-        cells, values = self.downlink.receive(chunk)
+        cells, odds = self.downlink.receive(chunk)
         if cells.size:
-            self.body.map.apply(cells, values)
+            self.body.map.apply(cells, odds)
 
     def _scan(self, sense: Sense) -> None:
-        """Integrate a scan, and report what it changed."""
+        """Integrate a scan, and report what it is evidence for."""
         if not self._store_and_forward and self.body.router.ms.nms == NOBODY:
             # A point counts only if the robot has a path to the MS meanwhile [paper 7.2]. The map leaves the scan out
             # too, so that its cells are new again later.
             self.uplink.discarded += 1
             return
         assert sense.ranges_m is not None
-        cells, values = self.body.map.integrate(sense.x_m, sense.y_m, sense.ranges_m)
-        self.policy.explorer.discovered(int(np.count_nonzero(values == 0)))
+        counted, values, discovered = self.body.map.integrate(sense.x_m, sense.y_m, sense.ranges_m)
+        cells = counted.astype(np.uint32)
+        self.policy.explorer.discovered(discovered)
         victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
         self._victims_seen.update(v[0] for v in victims)
         if cells.size or victims:
-            self.uplink.make(cells.astype(np.uint32), values, victims)
+            self.uplink.make(cells, values, victims)
 
     def _frames(self, tick: int, action: Action, room: Room) -> tuple[Frame, ...]:
         """What to send, most important first, as far as there is room: routing, acknowledgements, scans, the map."""
@@ -117,7 +130,8 @@ class Robot:
         if tick < router.quiet_until:
             return ()
         ms, nms = router.ms, router.ms.nms
-        update = self._announcer.update(tick, nms, action.hold, self.downlink.version, (ms.acks, ms.ahead), room)
+        acks = ms.acks, ms.acks_version, ms.ahead
+        update = self._announcer.update(tick, nms, action.hold, self.downlink.version, acks, room)
         frames: list[Frame] = [] if update is None else [(BROADCAST, update)]
         if nms != NOBODY:
             frames += [(nms, payload) for payload in self.uplink.due(tick, ms.hops, room)]

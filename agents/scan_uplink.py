@@ -56,9 +56,13 @@ class ScanUplink:
         self._ack = ACK.pack(node, incarnation, 0)[:4]
         """First bytes of the ACK for this incarnation."""
         self._numbered = 0
+        self._new: list[tuple[int, NDArray[np.uint32], NDArray[np.int8]]] = []
+        """Reports that nobody has asked for yet."""
         self.discarded = 0
         self._sent = 0
         """The highest number that was ever sent."""
+        self.acknowledged = 0
+        """The MS has all reports up to this number."""
 
     @property
     def made(self) -> int:
@@ -87,6 +91,12 @@ class ScanUplink:
         self._numbered += 1
         report = ScanReport(self._node, self._incarnation, self._numbered, cells, values, victims)
         self._unacknowledged[self._numbered] = report.encode()
+        self._new.append((self._numbered, cells, values))
+
+    def numbered(self) -> list[tuple[int, NDArray[np.uint32], NDArray[np.int8]]]:
+        """Number, cells and values of the reports that were made since the last call."""
+        new, self._new = self._new, []
+        return new
 
     def carry(self, report: bytes) -> None:
         """Take a report of another robot, to pass it on. Without a route it is dropped, and its origin sends it again.
@@ -111,6 +121,7 @@ class ScanUplink:
         if at >= 0:
             _, _, upto = ACK.unpack_from(acks, at)
             self._check_sent(upto)
+            self.acknowledged = max(self.acknowledged, upto)
             for number in [n for n in self._unacknowledged if n <= upto]:
                 self._arrived(tick, number)
                 del self._unacknowledged[number]

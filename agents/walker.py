@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Final
 
 from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
+from world.grid import FREE
 from world.terms import TICK_S
 
 _RENEW_TICKS: Final = 100
@@ -30,6 +32,10 @@ class Walker:
         self._points: list[tuple[float, float]] = []
         self._planned_tick = 0
         self._stretched = False
+        self._no_way = False
+        """No path was found, so the robot goes straight."""
+        self._reverted = own_map.reverted
+        """The map's count when the path was last looked at."""
         self._used_tick = -1
         self._last_at = (0.0, 0.0)
         self._blocked_ticks = 0
@@ -57,16 +63,28 @@ class Walker:
         return speed * dx / length, speed * dy / length
 
     def _astray(self, tick: int, at: tuple[float, float], step_m: float) -> bool:
-        """Whether the robot has left its path (something else moved it) or a wall stops it."""
+        """Whether the robot has left its path (something else moved it), or a wall stops it, or the map cuts it."""
         if self._used_tick != tick - 1:
             self._blocked_ticks = 0
-            return not self._map.clear_line(*at, *self._points[0])
+            return not self._planner.clear_line(at, self._points[0])
+        if self._planner.led_aside and not self._planner.clear_line(at, self._points[0]):
+            return True
         moved = math.dist(at, self._last_at) > 0.2 * step_m or math.dist(at, self._points[-1]) < step_m
         self._blocked_ticks = 0 if moved else self._blocked_ticks + 1
         if self._blocked_ticks >= _BLOCKED_TICKS:
             self._blocked_ticks = 0
             return True
-        return False
+        return self._cut(at)
+
+    def _cut(self, at: tuple[float, float]) -> bool:
+        """Whether the path leads through cells that are known to be free no longer."""
+        if self._reverted == self._map.reverted:
+            return False
+        self._reverted = self._map.reverted
+        way = [at, *self._points]
+        if self._no_way or self._map.cells[self._map.geometry.index(*way[-1])] != FREE:
+            way.pop()  # a goal where the map shows no floor was never on a clear line
+        return not all(self._map.clear_line(*here, *there) for here, there in itertools.pairwise(way))
 
     def remaining_m(self, at: tuple[float, float]) -> float:
         """Length of the rest of the path."""
@@ -78,16 +96,16 @@ class Walker:
 
     def _follow(self, tick: int, at: tuple[float, float], goal: tuple[float, float]) -> None:
         """Adapt the path to a goal that moved, and plan again only if no part of the path leads there."""
-        if self._map.clear_line(*at, *goal):
+        if self._planner.clear_line(at, goal):
             self._points = [goal]
             self._stretched = False
             return
         if self._used_tick == tick - 1 and self._points and math.dist(self._points[-1], goal) <= _JUMP_M:
-            if len(self._points) > 1 and self._map.clear_line(*self._points[-2], *goal):
+            if len(self._points) > 1 and self._planner.clear_line(self._points[-2], goal):
                 self._points[-1] = goal
                 self._stretched = True
                 return
-            if self._map.clear_line(*self._points[-1], *goal):
+            if self._planner.clear_line(self._points[-1], goal):
                 self._points.append(goal)
                 self._stretched = True
                 return
@@ -107,6 +125,8 @@ class Walker:
     def _go(self, tick: int, at: tuple[float, float], goal: tuple[float, float], path: list[int]) -> None:
         """Follow a path of cells; without one, go straight to the goal."""
         way = [self._map.geometry.center(cell) for cell in path[:-1]]
+        self._no_way = not path
+        self._reverted = self._map.reverted
         self._points = self._taut(at, [*way, goal]) if way else [goal]
         self._planned_tick = tick
         self._stretched = False
@@ -119,7 +139,7 @@ class Walker:
             low, high = first, len(path) - 1
             while low < high:
                 middle = (low + high + 1) // 2
-                if self._map.clear_line(*here, *path[middle]):
+                if self._planner.clear_line(here, path[middle]):
                     low = middle
                 else:
                     high = middle - 1

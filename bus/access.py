@@ -27,6 +27,12 @@ MOST_BYTES: Final = 65_536
 """The router takes no longer message, which only a stranger sends: ours travel in parts (`bus.mailbox`)."""
 
 
+MOST_BEATS_PER_S: Final = 10.0
+"""The router drops what one login beats beyond that; an honest process beats four times a second. Beats are what a node
+may send past the medium. A flood of them would fill the link to the world, and Zenoh's router comes to a stop for ever
+if somebody logs in while it waits for room to tell the world of a token."""
+
+
 @dataclass(frozen=True)
 class Login:
     """What one process needs to take part in a run."""
@@ -154,4 +160,12 @@ def host_config(run: str, endpoint: str, users: Iterable[str], dictionary_file: 
             "auth": {"usrpwd": {"dictionary_file": str(dictionary_file)}},
         },
         "access_control": rules(run, users),
+        "downsampling": [
+            {
+                "id": "beats",
+                "flows": ["ingress"],
+                "messages": ["put"],
+                "rules": [{"key_expr": Keys(run).beat(ANY), "freq": MOST_BEATS_PER_S}],
+            }
+        ],
     }

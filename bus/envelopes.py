@@ -24,8 +24,9 @@ _OPENING: Final = struct.Struct("<II")
 _SENSE: Final = struct.Struct("<II")
 """Node, length."""
 _MOVES: Final = struct.Struct("<iII")
-"""The tick that is complete, number of nodes that counted, number of answers."""
-_COUNTED: Final = struct.Struct("<I")
+"""The tick that is complete, number of strays, number of answers."""
+_STRAY: Final = struct.Struct("<II")
+"""Node, incarnation."""
 _MOVE: Final = struct.Struct("<IIII")
 """Node, incarnation, tick, length of the motion."""
 _TURN: Final = struct.Struct("<I")
@@ -125,43 +126,47 @@ class Answer:
 
 @dataclass(slots=True, init=False)
 class Moves:
-    """Medium -> world: the motions of nodes, in the order in which they came in."""
+    """Medium -> world: who answered, in the order in which the answers came in."""
 
     answers: Sequence[tuple[int, int, int, bytes]]
-    """(node, incarnation of the token of its process, tick, motion)"""
+    """(node, incarnation of the token of its process, tick, motion) of each answer that counts in the tick under way:
+    its frames go on the air, and the digest has them."""
     complete: int
     """The tick that these answers complete, or NO_TICK. The medium waits for no more; later ones are too late."""
-    counted: Sequence[int]
-    """Nodes whose transmission counts in that tick: all of the roster, unless one departed during the tick."""
+    strays: Sequence[tuple[int, int]]
+    """(node, incarnation) of each process that answered though no tick waited for it: nothing of that counts."""
 
     def __init__(
-        self, answers: Sequence[tuple[int, int, int, bytes]], complete: int = NO_TICK, counted: Sequence[int] = ()
+        self,
+        answers: Sequence[tuple[int, int, int, bytes]],
+        complete: int = NO_TICK,
+        strays: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.answers = answers
         self.complete = complete
-        self.counted = counted
+        self.strays = strays
 
     def encode(self) -> bytes:
-        parts = [_MOVES.pack(self.complete, len(self.counted), len(self.answers))]
-        parts += [_COUNTED.pack(node) for node in self.counted]
+        parts = [_MOVES.pack(self.complete, len(self.strays), len(self.answers))]
+        parts += [_STRAY.pack(node, token) for node, token in self.strays]
         parts += [_MOVE.pack(node, token, tick, len(motion)) for node, token, tick, motion in self.answers]
         parts += [motion for _, _, _, motion in self.answers]
         return b"".join(parts)
 
     @staticmethod
     def decode(data: bytes) -> Moves:
-        complete, nodes, count = head(_MOVES, data)
-        start = _MOVES.size + _COUNTED.size * nodes
+        complete, strays, count = head(_MOVES, data)
+        start = _MOVES.size + _STRAY.size * strays
         at = start + _MOVE.size * count
         if complete < NO_TICK or at > len(data):
-            raise WireError("moves are answers and who counted")
+            raise WireError("moves are answers and strays")
         answers: list[tuple[int, int, int, bytes]] = []
         for node, token, tick, size in _MOVE.iter_unpack(data[start:at]):
             answers.append((node, token, tick, data[at : at + size]))
             at += size
         if at != len(data):
             raise WireError("motions have another length than they say")
-        return Moves(answers, complete, [node for (node,) in _COUNTED.iter_unpack(data[_MOVES.size : start])])
+        return Moves(answers, complete, list(_STRAY.iter_unpack(data[_MOVES.size : start])))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from deploy.failures import Crash, Failures
 from deploy.processes.collector import collect_rarely
 from deploy.run_folder.summary import shortfall
 from deploy.simulation import Observer, Simulation
@@ -23,7 +24,10 @@ __all__ = ["run_in_process"]
 def run_in_process(
     scenario: Scenario, folder: RunFolder, view: View, *, record: bool, interrupts: Interrupts | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Run to the end or to the first of `interrupts`; returns the summary, and in one line each why it fell short."""
+    """Run to the end, to the first of `interrupts`, or to an exception, as of a policy.
+
+    Returns the summary, and in one entry each why the run fell short.
+    """
     begun = time.monotonic()
     recorder = None
     if record:
@@ -50,10 +54,14 @@ def run_in_process(
     collect_rarely()
     if interrupts is not None:
         interrupts.pass_to(simulation.world.interrupt)
+    failures, finals = Failures(), {}
     try:
         # Snapshots are not kept: a run of days has a million of them.
         while not simulation.step()[1]:
             pass
+        finals = simulation.finals()
+    except Exception as error:  # such as one of a user's policy: what came before it is kept
+        failures.crashed("the run", "the run ended", Crash.of(error))
     finally:
         view.close()
         if recorder is not None:
@@ -62,6 +70,8 @@ def run_in_process(
     if simulation.station is not None:
         with folder.unwritten.noting("map.yaml"):
             save_map(folder.path / "map.yaml", scenario.arena.geometry, simulation.station.merger.cells)
-    summary = folder.finish(simulation.finals(), time.monotonic() - begun)
-    words = shortfall(summary)
-    return summary, (*(() if words is None else (words,)), *folder.unwritten.lines)
+    status = "failed" if failures else None
+    summary = folder.finish(finals, time.monotonic() - begun, status=status, failures=failures.lines)
+    if (words := shortfall(summary)) is not None and not failures:
+        failures.add(words)
+    return summary, (*failures.lines, *folder.unwritten.lines)

@@ -42,7 +42,7 @@ def parser() -> Parser:
     p.add_argument("--seed", type=a_whole_number, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
     p.add_argument("--duration", type=a_number, metavar="S", help="simulated seconds after which the run ends")
-    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds (the paper's), scout, or module:Class")
+    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds, scout, sortie, or module:Class")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
     p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
     p.add_argument(
@@ -295,12 +295,16 @@ def _run_processes(
 
 
 def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
+    from deploy.run_folder.summary import remainder
+
     def show(words: str) -> None:
         console.print(words, markup=False, highlight=False, soft_wrap=True)
 
     rates = ", ".join(f"{name} {rate:.0%}" for name, rate in (summary["search_rate"] or {}).items())
     show(f"{summary['status']} after {summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s "
          f"(real-time factor {summary['real_time_factor']}); searched: {rates}")  # fmt: skip
+    if words := remainder(summary):
+        show(f"left: {words}")
     show(f"summary: {out / 'summary.json'} (as a page: deploy/report.py {out})")
     if parts := sorted(out.glob("recording*.rrd")):
         show(f"recording: rerun {parts[0] if len(parts) == 1 else out / 'recording*.rrd'}")

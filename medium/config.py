@@ -87,7 +87,9 @@ class MediumConfig:
 
     seed: int
     robots: int
-    """N"""
+    """N. With `cells` it says which answers are possible."""
+    cells: int
+    """Number of search cells, on which the station reports."""
     radius_m: float
     """r_t: the range of `disk` and `disk_los`; for `log_distance` the mean power meets the sensitivity here."""
     geometry: GridGeometry

@@ -103,17 +103,13 @@ class Medium:
         """The first frames, as many as the sender has airtime for; the rest is rejected."""
         for k, (_, payload) in enumerate(frames):
             if not self._airtime.spend(src, len(payload)):
-                self.reject(len(frames) - k)
+                self.rejected += len(frames) - k
                 frames = frames[:k]
                 break
         self.sent += len(frames)
         for _, payload in frames:
             self.sent_bytes += len(payload)
         return frames
-
-    def reject(self, frames: int) -> None:
-        """Count frames that do not go on the air."""
-        self.rejected += frames
 
     def _record(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> None:
         """Add the tick to the digest. A node that left during the tick counts as one that left before it."""

@@ -1,6 +1,7 @@
 """The radio as a process: it hosts the router or joins one, gathers the answers of a tick, and hands out turns.
 
-It passes on unread each sense from the world to its node, together with the inbox, and each motion to the world.
+It passes on unread each sense from the world to its node, together with the inbox. A motion goes on to the world if
+the whole answer is possible (`medium/answers.py`).
 
 It has no deadline for nodes: it leaves a node out of a tick only when the world says so.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
 import msgpack
@@ -23,6 +24,7 @@ from bus.member import LATE_STOP_S, LostError, exit_status
 from bus.nodes import node_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
+from medium.answers import transmission_of
 from medium.config import MediumConfig
 from medium.core import Medium
 from medium.messages import Inbox, Transmission
@@ -60,29 +62,30 @@ def run(config: MediumConfig, login: Login, users: Mapping[str, str] | None) -> 
     with exit_status():
         session = Session.connect(login) if users is None else Session.host(login, users)
         with session:
-            Shell(Medium(config), session, hosts=users is not None).run()
+            Shell(Medium(config), config, session, hosts=users is not None).run()
 
 
 class Core(Protocol):
     """What the shell drives: `medium.core.Medium`, or a core that does nothing, to measure the shell alone."""
 
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]: ...
-    def reject(self, frames: int) -> None: ...
     def final(self) -> dict[str, Any]: ...
 
 
 class Shell:
     """Moves bytes in and out of a medium core."""
 
-    def __init__(self, core: Core, session: Session, *, hosts: bool) -> None:
-        self._core, self._session, self._hosts = core, session, hosts
+    def __init__(self, core: Core, config: MediumConfig, session: Session, *, hosts: bool) -> None:
+        self._core, self._config, self._session, self._hosts = core, config, session, hosts
         self._mailbox = Mailbox()
         self._positions: Positions | None = None
         self._gather: Gather[Transmission] = Gather(-1, ())
         self._inboxes: dict[int, bytes] = {}
         """By node, for the next tick."""
         self._moves: list[tuple[int, int, int, bytes]] = []
-        """Answers that have not been passed on to the world."""
+        """Answers that count, and the world has not been told."""
+        self._strays: list[tuple[int, int]] = []
+        """(node, token) of processes that no tick waits for, and the world has not been told."""
         self._alive: dict[str, set[str]] = {role: set() for role in ("world", "station", "robot", "operator")}
         self._world_seen = False
         self._stopped = False
@@ -231,31 +234,24 @@ class Shell:
             node = self._nodes[key] = self._session.keys.node_of(key)
         _, token, body = unseal(data)
         answer = Answer.decode(body)
+        transmission = transmission_of(node, answer, self._config)
         seat, _ = self._seats.get(node, (0, None))
-        if token != seat or answer.tick != self._gather.tick or node not in self._gather.missing:
+        # Token 0 stands for no process: the world knew of none when the tick began.
+        if not token or token != seat or answer.tick != self._gather.tick or node not in self._gather.missing:
             # From a process that was too late or was given up, or has no seat: the world must learn of it.
             self._strayed(key)
-            self._moves.append((node, token, answer.tick, answer.motion))
+            self._strays.append((node, token))
             self._pass_on()
             return
         self._moves.append((node, token, answer.tick, answer.motion))
-        # A malformed transmission counts as an empty one; otherwise the tick would wait for this node for ever.
-        transmission = Transmission(answer.tick, node, ())
-        try:
-            said = Transmission.decode(answer.transmission)
-            if said.src != node or said.tick != answer.tick:
-                self._core.reject(len(said.frames))
-                raise WireError(f"frames of node {said.src} in tick {said.tick}, where node {node} is in {answer.tick}")
-            transmission = said
-        finally:
-            self._gather.add(node, transmission)
-            self._step_if_complete()
+        self._gather.add(node, transmission)
+        self._step_if_complete()
 
-    def _pass_on(self, complete: int = NO_TICK, counted: Sequence[int] = ()) -> None:
+    def _pass_on(self, complete: int = NO_TICK) -> None:
         """Pass the motions on to the world, in the order of arrival, so that the world learns who was last."""
-        if self._moves or complete != NO_TICK:
-            self._put_moved(Moves(self._moves, complete, counted).encode())
-            self._moves = []
+        if self._moves or self._strays or complete != NO_TICK:
+            self._put_moved(Moves(self._moves, complete, self._strays).encode())
+            self._moves, self._strays = [], []
 
     def _step_if_complete(self) -> None:
         positions = self._positions
@@ -264,7 +260,7 @@ class Shell:
         self._positions = None
         transmissions = self._gather.messages
         # Before the step, so that the world can go on meanwhile.
-        self._pass_on(positions.tick, tuple(transmissions))
+        self._pass_on(positions.tick)
         self._phases.mark("decode")
         inboxes = self._core.step(positions, transmissions)
         self._phases.mark("step")

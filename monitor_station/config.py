@@ -14,6 +14,8 @@ from world.grid import GridGeometry
 JOURNAL: Final = "journal"
 MAP: Final = "map.yaml"
 """Files of the station in the run folder."""
+FINISHED: Final = 0.995
+"""A search is finished when so much of what is free and can be reached is known to be free."""
 
 
 def cell_title(name: str) -> str:
@@ -36,6 +38,13 @@ class StationConfig:
 
     node: RobotConfig
     search_cells: tuple[SearchCell, ...]
+    occupied: NDArray[np.bool_]
+    """(rows, cols) true floor plan, for the measures only, as the search cells are."""
+
+    @property
+    def enough(self) -> float:
+        """Share of a search cell that must be known to be free: all of it, or what noisy sensors can tell."""
+        return FINISHED if self.node.lidar_noise_m > 0 or self.node.pose_noise_m > 0 else 1.0
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from agents.room import Room
 from bus.codec import WireError
 from medium.messages import BROADCAST, Frame, Inbox
 from monitor_station.config import StationConfig
+from monitor_station.exhaustion import Exhaustion
 from monitor_station.map_merger import MapMerger
 from monitor_station.search_rate import SearchRate
 from monitor_station.view import StationView
@@ -29,8 +30,7 @@ _RECORD: Final = struct.Struct("<II")
 """Head of a record of the journal: the tick at which a report was merged, and its length."""
 
 
-_NO_CHANGE: Final = np.zeros(0, np.int64), np.zeros(0, np.int8)
-"""Cells of the merged map, and their values."""
+_NONE: Final = np.zeros(0, np.int64)
 
 
 class Station:
@@ -42,15 +42,17 @@ class Station:
         self.config = config
         self.router = Router(node, rng, quiet_until)
         self._announcer = Announcer(self.router)
-        self.merger = MapMerger(node.geometry, node.safety_zone_m)
+        self.merger = MapMerger(node)
         self.downlink = MapDownlink(node.rules.reporting.chunk_cells)
-        self.search = SearchRate(config.search_cells, node.geometry.size)
+        self.search = SearchRate(config)
+        self.exhaustion = Exhaustion(node.geometry, node.station_m)
         known = np.flatnonzero(self.merger.cells >= 0)
-        self.search.update(0, known)
+        self.search.update(0, known, self.merger.cells[known])
         self.bad_frames = 0
         self._tick = first_tick
         self._journal: list[bytes] = []
-        self._changed: tuple[NDArray[np.int64], NDArray[np.int8]] = (known, self.merger.cells[known])
+        self._turned = known
+        """Cells whose state changed in this tick, perhaps one twice."""
 
     def step(self, sense: Sense, inbox: Inbox | None) -> tuple[tuple[Frame, ...], Report]:
         """One tick; `inbox` is None at the first one after (re)joining."""
@@ -64,50 +66,41 @@ class Station:
         }
         updates, bad = sort_payloads(inbox, handlers)
         self.bad_frames += bad
-        merged = [self._merge(tick, report) for report in reports]
-        if merged or not sense.first:
-            self._changed = self._joined(merged)
+        turned = [self._merge(tick, report) for report in reports]
+        if turned or not sense.first:
+            self._turned = np.concatenate([_NONE, *turned])
         self.router.step(tick, updates)
         here = sense.x_m, sense.y_m
         self.router.announce_self(tick, here, Cls.RR, here)
         report = Report(
             tick, self.search.searched, self.search.rates, self.merger.merged, tuple(sorted(self.merger.victims)),
-            silent=tick < self.router.quiet_until,
+            silent=tick < self.router.quiet_until, exhausted=self.exhaustion.step(tick, self.merger.cells),
         )  # fmt: skip
         return self._frames(tick, Room(inbox, limited=self.config.node.bandwidth_limited)), report
 
-    def _merge(self, tick: int, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    def _merge(self, tick: int, report: ScanReport) -> NDArray[np.int64]:
+        """Merge a report; returns the cells whose state changed."""
         try:
             self.router.limits.check_report(report, tick)
         except WireError:
             self.bad_frames += 1
-            return _NO_CHANGE
+            return _NONE
         change = self.merger.take(report)
         if change is None:
-            return _NO_CHANGE
+            return _NONE
         payload = report.encode()
         self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
-        cells, values = change
-        self.downlink.append(cells.astype(np.uint32), values)
-        self.search.update(tick, cells)
-        return change
-
-    @staticmethod
-    def _joined(
-        changes: list[tuple[NDArray[np.int64], NDArray[np.int8]]],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        if not changes:
-            return _NO_CHANGE
-        cells = np.concatenate([np.zeros(0, np.int64), *(c for c, _ in changes)])
-        values = np.concatenate([np.zeros(0, np.int8), *(v for _, v in changes)])
-        return cells, values
+        self.downlink.append(change.cells.astype(np.uint32), change.odds)
+        self.search.update(tick, change.turned, self.merger.cells[change.turned])
+        return change.turned
 
     def _frames(self, tick: int, room: Room) -> tuple[Frame, ...]:
         router = self.router
         if tick < router.quiet_until:
             return ()
-        acks = self.merger.acks(), self.merger.ahead() if room.limited else b""
-        update = self._announcer.update(tick, NOBODY, NOBODY, self.downlink.version, acks, room)
+        version = self.downlink.version
+        acks = self.merger.acks(), version, self.merger.ahead() if room.limited else b""
+        update = self._announcer.update(tick, NOBODY, NOBODY, version, acks, room)
         frames: list[Frame] = [] if update is None else [(BROADCAST, update)]
         frames += self.downlink.due(tick, router.inv, router.neighbors, room)
         return tuple(frames)
@@ -123,7 +116,8 @@ class Station:
             np.array([table.location_m(dst) for dst in ids], np.float32).reshape(-1, 2),
             np.array([table.cls(dst) for dst in ids], np.uint8),
             np.array([table.next_hop_to(dst) != NOBODY for dst in ids], np.bool_),
-            *self._changed,
+            self._turned,
+            self.merger.cells[self._turned],
             victims,
             self.search.rates,
         )
@@ -149,18 +143,23 @@ class Station:
             except WireError:
                 self.bad_frames += 1  # damaged on the disk
         self._journal.clear()
-        known = np.flatnonzero(self.merger.cells >= 0)
-        self._changed = known, self.merger.cells[known]
+        self._turned = np.flatnonzero(self.merger.cells >= 0)
         return whole
 
     def final(self) -> dict[str, Any]:
         """Counts at the end of the run, in JSON types."""
         names, times = self.search.names, self.search.search_time_s
         everything = [t for t in times if t is not None]
-        return {
-            "search_rate": dict(zip(names, self.search.rates, strict=True)),
-            "search_time_s": dict(zip(names, times, strict=True))
-            | {"all": max(everything) if everything and len(everything) == len(times) else None},
-            "victims_found": sorted(self.merger.victims),
-            "bad_frames": self.bad_frames + self.router.bad_frames,
-        } | self.merger.tally()
+        measures = self.search.measures(self.merger.cells)
+        measures["left"]["frontiers"] = len(self.exhaustion.reachable(self.merger.cells)[0])
+        return (
+            {
+                "search_rate": dict(zip(names, self.search.rates, strict=True)),
+                "search_time_s": dict(zip(names, times, strict=True))
+                | {"all": max(everything) if everything and len(everything) == len(times) else None},
+                "victims_found": sorted(self.merger.victims),
+                "bad_frames": self.bad_frames + self.router.bad_frames,
+            }
+            | measures
+            | self.merger.tally()
+        )

@@ -1,22 +1,53 @@
-"""Merges scan reports into the map that the operators see, and counts what each robot has delivered."""
+"""Merges scan reports into the map that the operators see, and counts what each robot has delivered.
+
+Of each cell it counts the hits and the misses that were reported; sums do not depend on the order of reports, and each
+report counts once. What they say of the cell is read from the sums (agents/evidence.py).
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import _cells
+from agents.config import RobotConfig
+from agents.evidence import SensorModel
 from agents.messages import ACK, AHEAD, AHEAD_NUMBERS, ScanReport
-from world.grid import GridGeometry
+
+_NONE: Final = np.zeros(0, np.int64)
+
+
+@dataclass(slots=True, init=False)
+class Change:
+    """What a report changed in the map, cells ascending."""
+
+    cells: NDArray[np.int64]
+    odds: NDArray[np.int8]
+    """Their new odds."""
+    turned: NDArray[np.int64]
+    """Those whose state changed: `MapMerger.cells` has the new ones."""
+
+    def __init__(self, cells: NDArray[np.int64], odds: NDArray[np.int8], turned: NDArray[np.int64]) -> None:
+        self.cells = cells
+        self.odds = odds
+        self.turned = turned
 
 
 class MapMerger:
-    """Occupied overrides free, and free overrides unknown, so the map does not depend on the order of reports."""
+    """The map of the MS."""
 
-    def __init__(self, geometry: GridGeometry, safety_zone_m: tuple[float, float, float, float]) -> None:
-        self.geometry = geometry
-        self.cells = geometry.blank(safety_zone_m)
+    def __init__(self, config: RobotConfig) -> None:
+        """`config`: of the node of the MS; all nodes have the same sensors."""
+        self._sensors = SensorModel(config)
+        self.odds = self._sensors.first_odds()
+        """(size,) of all cells."""
+        self.cells = config.geometry.blank(config.safety_zone_m)
+        """(size,) their states: UNKNOWN, FREE or OCCUPIED."""
+        self._hits = np.zeros(config.geometry.size, np.int32)
+        self._misses = np.where(self.odds < 0, self._sensors.settled, 0).astype(np.int32)
         self.victims: dict[int, tuple[float, float]] = {}
         self._complete: dict[tuple[int, int], int] = {}
         """By robot and incarnation: the highest report number without a gap."""
@@ -31,13 +62,13 @@ class MapMerger:
         self._ahead: bytes | None = b""
         """Result of `ahead`, likewise."""
 
-    def take(self, report: ScanReport) -> tuple[NDArray[np.int64], NDArray[np.int8]] | None:
+    def take(self, report: ScanReport) -> Change | None:
         """Merge a report within its limits (agents/limits.py).
 
         Of two reports with the same number but different contents the first is merged, and the second noted.
 
         Returns:
-            The changed cells, ascending, and their values; None if this report is not merged.
+            What it changed; None if this report was here already.
         """
         source = report.origin, report.incarnation
         key = *source, report.number
@@ -46,7 +77,7 @@ class MapMerger:
             if content == self._contents[key] or key in self._contradicted:
                 return None
             self._contradicted.add(key)
-            return np.zeros(0, np.int64), self.cells[:0]
+            return Change(_NONE, self.odds[:0], _NONE)
         self._contents[key] = content
         complete = self._complete.get(source, 0)
         while (*source, complete + 1) in self._contents:
@@ -56,9 +87,17 @@ class MapMerger:
         self._acks = self._ahead = None
         for victim, x, y in report.victims:
             self.victims.setdefault(victim, (x, y))
-        changed = np.sort(report.cells[report.values > self.cells[report.cells]].astype(np.int64))
-        np.maximum.at(self.cells, report.cells, report.values)
-        return changed, self.cells[changed]
+        sensors = self._sensors
+        changed = _cells.tally(
+            self._hits, self._misses, report.cells, report.values, self.odds,
+            sensors.miss, sensors.worth, sensors.settled,
+        )  # fmt: skip
+        changed.sort()
+        odds = self.odds[changed]
+        states = self._sensors.states(odds)
+        turned = changed[states != self.cells[changed]]
+        self.cells[changed] = states
+        return Change(changed, odds, turned)
 
     @property
     def merged(self) -> int:

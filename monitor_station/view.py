@@ -20,9 +20,9 @@ class StationView:
     reachable: NDArray[np.bool_]
     """The MS has a finite route to it."""
     cells: NDArray[np.int64]
-    """Flat indices of map cells that changed in this tick."""
+    """Flat indices of map cells whose state changed in this tick, perhaps one twice."""
     values: NDArray[np.int8]
-    """Their new values: world.grid.FREE or OCCUPIED."""
+    """Their states now: world.grid.FREE, OCCUPIED or UNKNOWN."""
     victims: tuple[tuple[int, float, float], ...]
     """Victims reported so far: (id, x, y)."""
     search_rate: tuple[float, ...]

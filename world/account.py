@@ -177,9 +177,10 @@ class Account:
                 str(node): [self._roster.incarnation(node), s.reports_made - s.reports_buffered]
                 for node, s in present.items()
             },
-            "faults": [fault_form(fault) for fault in self._roster.faults],
+            # One whose last tick counted is noted before one whose last tick, the same, did not: time goes before that.
+            "faults": [fault_form(fault) for fault in sorted(self._roster.faults, key=lambda fault: fault.at_s)],
             "wall_clock_faults": self._roster.unscheduled,
-            "recoveries": self._recoveries.verdicts(),
+            "recoveries": sorted(self._recoveries.verdicts(), key=lambda verdict: verdict["at_s"]),
         }
 
     def _reports(self) -> list[tuple[int, Status]]:

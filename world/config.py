@@ -62,6 +62,8 @@ class WorldConfig:
     """(v, 2) positions of victims; the id is the row."""
     lidar: Lidar = field(default_factory=Lidar)
     pose_noise_m: float = 0.0
+    body_radius_m: float = 0.0
+    """Robots are discs of this radius that do not pass through one another (world/bodies.py); 0 = points that do."""
     faults: tuple[Fault, ...] = ()
     cell_names: tuple[str, ...] = ()
     """Names of the search cells, in the order of the station's search rates; for events only."""

@@ -18,6 +18,7 @@ from bus.excerpt import shown
 from bus.nodes import node_name
 from world.account import Account, Told
 from world.agenda import Agenda
+from world.bodies import Bodies
 from world.config import Fault, WorldConfig
 from world.faults import check_fault, describe, fault_form, resolve
 from world.feed import Signal
@@ -93,6 +94,7 @@ class World:
         # Ground truth: walls, positions (row 0 is the station), and the sensors that see both.
         self._walls, self._geometry = pad(config.occupied, config.geometry)
         self._xy = np.vstack((np.array(config.station_m, np.float64), np.asarray(config.starts_m, np.float64)))
+        self._bodies = Bodies(config.body_radius_m, self._walls, self._geometry)
         self._senses = Senses(config)
         # Who takes part, in the run and in the tick that has begun.
         self._roster = Roster(config.robots + 1)
@@ -219,6 +221,7 @@ class World:
     def final(self) -> dict[str, Any]:
         """The world's part of the summary."""
         summary: dict[str, Any] = {"status": self._status, "ticks": self.tick} | self._account.final()
+        summary["blocked_moves"] = dict(self._bodies.blocked_moves)
         if self._why:
             summary["why"] = self._why
         return summary
@@ -274,11 +277,15 @@ class World:
         velocities = [(0.0, 0.0)] * (len(self._xy) - 1)
         for node, motion in motions.items():
             velocities[node - 1] = motion.vx_m_s, motion.vy_m_s
-        self._xy[1:] = move(self._walls, self._geometry, self._xy[1:], velocities, self._config.top_speed_m_s)
+        wanted = move(self._walls, self._geometry, self._xy[1:], velocities, self._config.top_speed_m_s)
+        live = [self._roster.present(node) for node in range(1, len(self._xy))]
+        self._xy[1:] = self._bodies.stop(self._xy[1:], wanted, live)
 
     def _judge(self, report: Report | None, *, moved: bool) -> Stop | None:
         if report is not None and report.searched:
             self._status = "searched"
+        elif report is not None and report.exhausted:
+            self._status, self._why = "exhausted", "the map has no frontier to which a path leads"
         elif self._interrupted:
             self._status = "interrupted"
         elif self.tick + 1 >= tick_of(self._config.duration_s):

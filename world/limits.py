@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 from bus.codec import WireError, integer
-from world.config import WorldConfig
 from world.messages import Motion, Report, Status
 from world.terms import NOBODY, STATION, UNREACHABLE
 
 __all__ = ["decode_word"]
 
 
-def decode_word(node: int, data: bytes, config: WorldConfig) -> Motion | Report:
-    """The motion of a robot, or the station's report.
+def decode_word(node: int, tick: int, data: bytes, *, robots: int, cells: int) -> Motion | Report:
+    """The motion of a robot in an answer of `tick`, or the station's report.
+
+    Args:
+        node: who answers.
+        tick: of the answer.
+        data: what it says.
+        robots: N.
+        cells: number of search cells, on which the station reports.
 
     Raises:
-        WireError: it is none, or says what can't be.
+        WireError: it is none, is of another tick, or says what can't be.
     """
+    said: Motion | Report
     if node != STATION:
-        motion = Motion.decode(data)
-        _check(motion.status, config.robots, motion.tick)
-        return motion
-    report = Report.decode(data)
-    if len(report.search_rate) != len(config.cell_names):
-        raise WireError("rates of other search cells")
-    return report
+        said = Motion.decode(data)
+        _check(said.status, robots, said.tick)
+    else:
+        said = Report.decode(data)
+        if len(said.search_rate) != cells:
+            raise WireError("rates of other search cells")
+    if said.tick != tick:
+        raise WireError(f"a motion or report of tick {said.tick} in an answer of tick {tick}")
+    return said
 
 
 def _check(status: Status, robots: int, tick: int) -> None:

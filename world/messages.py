@@ -205,6 +205,8 @@ class Report:
     victims_found: tuple[int, ...]
     silent: bool
     """It sends nothing yet, while its old routes die out [paper 2.10]."""
+    exhausted: bool
+    """Its map has had no frontier for a while to which a path leads."""
 
     def __init__(
         self,
@@ -214,6 +216,7 @@ class Report:
         merged: int,
         victims_found: tuple[int, ...] = (),
         silent: bool = False,
+        exhausted: bool = False,
     ) -> None:
         self.tick = tick
         self.searched = searched
@@ -221,13 +224,16 @@ class Report:
         self.merged = merged
         self.victims_found = victims_found
         self.silent = silent
+        self.exhausted = exhausted
 
     def encode(self) -> bytes:
-        return pack((self.tick, self.searched, self.search_rate, self.merged, self.victims_found, self.silent))
+        return pack((
+            self.tick, self.searched, self.search_rate, self.merged, self.victims_found, self.silent, self.exhausted,
+        ))  # fmt: skip
 
     @staticmethod
     def decode(data: bytes) -> Report:
-        tick, searched, rates, merged, found, silent = unpack(data, 6)
+        tick, searched, rates, merged, found, silent, exhausted = unpack(data, 7)
         if not isinstance(rates, list) or not isinstance(found, list):
             raise WireError("search rates and victims are lists")
         return Report(
@@ -237,6 +243,7 @@ class Report:
             integer(merged, 0, MAX_TICK),
             tuple(integer(v, 0, MAX_NODE) for v in found),
             boolean(silent),
+            boolean(exhausted),
         )
 
 
@@ -327,7 +334,7 @@ class Stop:
 
     tick: int
     reason: str
-    """searched | time_limit | no_robots | interrupted | failed"""
+    """searched | exhausted | time_limit | no_robots | interrupted | failed"""
 
     def encode(self) -> bytes:
         return pack((self.tick, self.reason))

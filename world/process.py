@@ -277,7 +277,10 @@ class Shell:
                         self._refuse(node, token)
                 except WireError as error:
                     self._malformed.drop(f"answer of {node_name(node)}", error)
-            self._turnout.completed(moves)
+            for node, token in moves.strays:
+                if not self._turnout.stray(node, token):
+                    self._refuse(node, token)
+            self._turnout.completed(moves.complete)
         elif key == self._pong_key:
             self._silence.answered()
         elif keys.is_token(key):

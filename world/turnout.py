@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bus.codec import WireError
-from bus.envelopes import NO_TICK, Moves
+from bus.envelopes import NO_TICK
 from bus.lockstep import Gather
 from world.attendance import Attendance
 from world.config import WorldConfig
@@ -22,8 +22,6 @@ class Turnout:
         self._gather: Gather[Motion | Report] = Gather(-1, ())
         self._complete = NO_TICK
         """The last tick that the medium has said to be complete."""
-        self._counted: frozenset[int] = frozenset()
-        """Nodes whose transmission counted in it."""
         self._left: dict[int, tuple[int, str]] = {}
         """(token, cause) of nodes that left during the tick, until the medium says whether they still counted."""
 
@@ -62,43 +60,40 @@ class Turnout:
         self._left[node] = token, cause
         return True
 
-    def completed(self, moves: Moves) -> None:
-        """The medium says whether it waits for any node still."""
-        if moves.complete != NO_TICK:
-            self._complete, self._counted = moves.complete, frozenset(moves.counted)
+    def completed(self, tick: int) -> None:
+        """The medium waits for no node any more at `tick`, which may be NO_TICK."""
+        self._complete = max(self._complete, tick)
 
     def answer(self, node: int, token: int, tick: int, word: bytes) -> bool:
-        """Take an answer; False if another process has the seat of its sender, which is to be refused.
+        """Take an answer that the medium has counted; False if the process that sent it is to be refused.
 
         Raises:
-            WireError: it is no answer of that node in that tick.
+            WireError: it is none of a node of this tick.
         """
-        left = node in self._left and self._left[node][0] == token
-        seated = self._attendance.seated(node, token)
-        welcome = seated or not self._attendance.token(node)
-        if not left and not seated:
-            return welcome
-        message = decode_word(node, word, self._config)
-        if message.tick != tick:
-            raise WireError(f"a motion of tick {message.tick} in an answer of tick {tick}")
-        if left and tick == self.tick:
-            # It died or was given up just after it had answered: the medium may have counted this answer.
-            self._gather.keep(node, message)
-        if seated and (tick != self.tick or not self._gather.add(node, message)):
+        if tick != self.tick or node not in self:
+            raise WireError(f"an answer of tick {tick} that counts in tick {self.tick}")
+        config = self._config
+        message = decode_word(node, tick, word, robots=config.robots, cells=len(config.cell_names))
+        if self._gather.add(node, message):
+            return True
+        # It died or was given up just after it had answered.
+        self._gather.keep(node, message)
+        return self.stray(node, token)
+
+    def stray(self, node: int, token: int) -> bool:
+        """A process answers that no tick waits for; False if another has the seat of its node: it is to be refused."""
+        if self._attendance.seated(node, token):
             self._attendance.heard(node, token)
-        return welcome or self._left.get(node, (0, DIED))[1] == DIED
+            return True
+        return self._left.get(node) == (token, DIED) or not self._attendance.token(node)
 
     def close(self) -> tuple[list[tuple[int, str, bool]], dict[int, Motion | Report]]:
         """End the tick.
 
         Returns:
-            (node, cause, whether its answer counted) of each that left, and the answers that counted by node.
+            (node, cause, whether its answer counted) of each that left, and the answers by node.
         """
-        answers, left = self._gather.messages, []
-        for node, (_, cause) in self._left.items():
-            counted = node in self._counted and node in answers
-            left.append((node, cause, counted))
-            if not counted:
-                answers.pop(node, None)
+        answers = self._gather.messages
+        left = [(node, cause, node in answers) for node, (_, cause) in self._left.items()]
         self._left.clear()
         return left, answers

@@ -23,7 +23,7 @@ from world.own_file import ForeignFileError, require_own, write_whole
 
 __all__ = ["unfinished", "write_report"]
 
-RESULTS: Final = ("fig6", "fig7", "fig7_relay_killed", "ablations", "radio")
+RESULTS: Final = ("fig6", "fig7", "fig7_relay_killed", "ablations", "radio", "channel")
 POLICIES: Final = ("policies", "policies_walls", "policies_trouble", "policies_plans", "policies_limits")
 
 _WRITER: Final = "Written by `deploy/study.py report`"

@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import connection, reduction
@@ -19,6 +20,7 @@ from typing import IO, Any, Final
 
 from setproctitle import setproctitle
 
+from deploy.failures import Crash
 from deploy.machine.interrupts import SIGNALS, TO_ALL
 from deploy.machine.outlet import keep_writing, lost
 from deploy.processes.collector import collect_rarely
@@ -72,18 +74,23 @@ class Child:
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT), 0, 0, 0)
         threading.Thread(target=_end_with_launcher, name="lifeline", daemon=True).start()
         words: list[str] = []
+        crash: Crash | None = None
         try:
             target(*args)
         except SystemExit as end:
             if not isinstance(end.code, str):
                 raise
             words.append(end.code)  # it ended in order, but for what it says
+        except Exception as error:
+            traceback.print_exc()
+            crash = Crash.of(error)
+            raise SystemExit(1) from None
         finally:
             if why := unwritten or next(iter(lost().values()), None):
                 words.append(f"logs/{self.log.name} could not be written: {why}")
-            if words:
+            if words or crash:
                 with contextlib.suppress(OSError):  # the launcher is gone
-                    self.words.send("; ".join(words))
+                    self.words.send(("; ".join(words), crash))
 
     def _open_log(self) -> str | None:
         """Let this process print into its log; returns why it can't."""

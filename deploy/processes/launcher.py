@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from bus.member import LATE_STOP_S, LOST_STATUS
 from bus.nodes import process_name
 from bus.session import BusError, Put, Session, new_token
+from deploy.failures import Failures, indented
 from deploy.processes.fleet import Fleet
 from deploy.processes.listener import Listener
 from deploy.processes.operator_file import OPERATOR, write_operator
@@ -56,8 +57,8 @@ class Outcome:
 
     summary: dict[str, Any]
     failures: tuple[str, ...]
-    """Of each process that failed one line, then the end of its log; of each file that could not be written one line.
-    Empty if the run ended as it should."""
+    """Of each process that failed one line, then its traceback or the end of its log, and who failed likewise; of
+    each file that could not be written one line. Empty if the run ended as it should."""
 
     @property
     def exit_status(self) -> int:
@@ -83,7 +84,7 @@ class Launcher:
         """How often `interrupt` was called, and to how many of these calls the launcher has reacted."""
         self._lost: str | None = None
         """Why the run can't go on."""
-        self._failures: list[str] = []
+        self._failures = Failures()
         self._owing = {"world", "medium"}
         """Processes that send last counts if the run ends well."""
         self._give_up_at: float | None = None
@@ -231,7 +232,7 @@ class Launcher:
         # A process that ended because another was lost comes after that other.
         for end in sorted(ends, key=lambda end: end.code == LOST_STATUS):
             if end.words:
-                self._failures.append(f"{end.name}: {end.words}")
+                self._failures.add(f"{end.name}: {end.words}")
             # Whoever asks this launcher to end may ask the whole process group; the others are lost then.
             if self._asked_to_stop and end.code in (-signal.SIGTERM, LOST_STATUS):
                 continue
@@ -241,9 +242,9 @@ class Launcher:
                     self._owing.add(end.name)
                 continue
             if end.name in ("world", "medium"):
-                self._lose(str(end), end.name)
+                self._lose(str(end), end)
             elif not end.by_signal and end.code != LOST_STATUS and self._lost is None:
-                self._fail(str(end), end.name)
+                self._fail(str(end), end)
             elif end.name == _STATION and self._may_return(end):
                 self._view.line(f"{end}; it is started again")
                 self._start_again(STATION)
@@ -264,24 +265,28 @@ class Launcher:
             return False
         now_s = time.monotonic()
         if len(self._returns_s) == _RETURNS and now_s - self._returns_s[0] < _RETURNS_IN_S:
-            self._fail(f"{end.name} died {_RETURNS + 1} times within {_RETURNS_IN_S:g} s", end.name)
+            self._fail(f"{end.name} died {_RETURNS + 1} times within {_RETURNS_IN_S:g} s", end)
             return False
         self._returns_s.append(now_s)
         return True
 
-    def _fail(self, words: str, name: str | None = None) -> None:
-        """Note a failure, with the end of the log of process `name`."""
+    def _fail(self, words: str, end: Exit | None = None) -> None:
+        """Note a failure: of a process that has ended with the exception that ended it, or the end of its log."""
         self._view.line(words)
-        if name is not None:
-            tail = self._supervisor.tail(name)
-            words += f"\n{_indent(tail)}" if tail else " (its log is empty)"
-        self._failures.append(words)
+        if end is not None and end.crash is not None:
+            self._failures.crashed(end.name, words, end.crash)
+            return
+        self._failures.add(words if end is None else self._with_log(words, end.name))
 
-    def _lose(self, words: str, name: str | None = None) -> None:
+    def _with_log(self, words: str, name: str) -> str:
+        tail = self._supervisor.tail(name)
+        return f"{words}\n{indented(tail)}" if tail else f"{words} (its log is empty)"
+
+    def _lose(self, words: str, end: Exit | None = None) -> None:
         """The run can't go on."""
         if self._lost is None and not self._over:
             self._lost = words
-            self._fail(words, name)
+            self._fail(words, end)
             self._give_up_in(_LEAVE_S)
 
     def _outcome(self, wall_s: float) -> Outcome:
@@ -291,12 +296,8 @@ class Launcher:
         elif not self._over:
             status = "failed"
             if not self._failures:
-                self._failures.append("the world ended without its last word")
-        summary = self._folder.finish(self._listener.finals, wall_s, status=status, failures=self._failures)
+                self._failures.add(self._with_log("the world ended without its last word", "world"))
+        summary = self._folder.finish(self._listener.finals, wall_s, status=status, failures=self._failures.lines)
         if (words := shortfall(summary)) is not None and not self._failures:
-            self._failures.append(words)
-        return Outcome(summary, (*self._failures, *self._folder.unwritten.lines))
-
-
-def _indent(text: str) -> str:
-    return "\n".join(f"    {line}" for line in text.splitlines())
+            self._failures.add(words)
+        return Outcome(summary, (*self._failures.lines, *self._folder.unwritten.lines))

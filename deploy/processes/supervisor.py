@@ -24,6 +24,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
+from deploy.failures import Crash
 from deploy.machine.interrupts import SIGNALS
 from deploy.machine.limits import one_thread
 from deploy.processes.child import GRACE_S, Child, Held
@@ -45,6 +46,8 @@ class Exit:
     words: str = ""
     """What did not go well although it ended in order, in one line: the message of its SystemExit, such as a file that
     it could not write."""
+    crash: Crash | None = None
+    """The exception that ended it."""
 
     @property
     def by_signal(self) -> bool:
@@ -209,16 +212,17 @@ class Supervisor:
         self._watched.unregister(process.sentinel)
         process.join()
         code = process.exitcode if process.exitcode is not None else 255
-        end = Exit(name, process.pid or 0, code, _last_words(self._words.pop(name)))
+        end = Exit(name, process.pid or 0, code, *_last_words(self._words.pop(name)))
         process.close()
         return end
 
 
-def _last_words(heard: connection.Connection) -> str:
+def _last_words(heard: connection.Connection) -> tuple[str, Crash | None]:
     with heard, contextlib.suppress(EOFError, OSError):
         if heard.poll():
-            return str(heard.recv())
-    return ""
+            words, crash = heard.recv()
+            return words, crash
+    return "", None
 
 
 def _start_fork_server() -> None:

@@ -29,6 +29,8 @@ ERROR: Final = "error"
 STATUSES: Final = {
     "searched": Status("all cells searched", "good", result=True, complete=True, as_asked=True),
     "time_limit": Status("time limit reached", "soft", result=True, complete=True, as_asked=True),
+    # As asked, if what can be searched is finished all the same (summary.shortfall).
+    "exhausted": Status("no frontier left", "soft", result=True, complete=True, as_asked=False),
     "interrupted": Status("interrupted", "soft", result=False, complete=False, as_asked=True),
     "no_robots": Status("no robot left", "bad", result=False, complete=True, as_asked=False),
     "failed": Status("failed", "bad", result=False, complete=False, as_asked=False),

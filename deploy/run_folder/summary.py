@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from deploy.run_folder.status import meaning_of
 from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
+from monitor_station.config import FINISHED
 from world.connectivity import Connectivity
 from world.feed import Snapshot
 from world.terms import UNREACHABLE, Cls, seconds_of
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from deploy.run_folder.baseline import Baseline
     from deploy.scenario import Scenario
 
-__all__ = ["Finals", "Progress", "compare", "shortfall", "summary_of"]
+__all__ = ["Finals", "Progress", "compare", "remainder", "shortfall", "summary_of"]
 
 Finals = Mapping[str, Mapping[str, Any]]
 """Last counts by process: `world`, `medium`, `station`; and `phases`."""
@@ -87,9 +88,13 @@ def summary_of(
         "trace_sha256": medium.get("trace_sha256"),
         "search_rate": station.get("search_rate", progress.search_rate),
         "search_time_s": station.get("search_time_s", progress.search_time_s),
+        "known_free": station.get("known_free"),
+        "map_errors": station.get("map_errors"),
+        "left": station.get("left"),
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
         "planned_absences": world.get("planned_absences", progress.connectivity.planned_absences if latest else None),
+        "blocked_moves": world.get("blocked_moves"),
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),
@@ -114,10 +119,25 @@ def summary_of(
 
 
 def shortfall(summary: Mapping[str, Any]) -> str | None:
-    """One line on a run that ended for want of a process or of robots; None if it ended in any other way."""
-    if meaning_of(summary["status"]).as_asked:
+    """One line on a run that ended for want of something: a process, robots, frontiers; None if it ended as asked."""
+    finished = (summary.get("known_free") or {}).get("share", 0.0) >= FINISHED
+    if meaning_of(summary["status"]).as_asked or (summary["status"] == "exhausted" and finished):
         return None
-    return f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
+    words = f"the run ended at {summary['simulated_s']:.1f} s: {summary['why'] or summary['status']}"
+    return f"{words}; {remainder(summary)}" if summary["status"] == "exhausted" else words
+
+
+def remainder(summary: Mapping[str, Any]) -> str:
+    """What of the search cells is not known to be free, and why; empty if nothing is left or nobody knows."""
+    share, left = summary.get("known_free"), summary.get("left")
+    if share is None or left is None or not left["unknown"] + left["called_wall"]:
+        return ""
+    frontiers = left["frontiers"]
+    way = f"a path leads to {frontiers} cells beside unknown ones" if frontiers else "no path leads to what is unknown"
+    return (
+        f"{share['share']:.2%} of what can be searched is known to be free; the map shows {left['called_wall']} of the "
+        f"other cells as wall and {left['unknown']} as unknown, and {way}"
+    )
 
 
 def compare(summary: dict[str, Any], baseline: Baseline) -> None:

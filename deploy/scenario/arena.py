@@ -210,14 +210,21 @@ def _starts(tables: Tables, occupied: NDArray[np.bool_], geometry: GridGeometry,
     for _ in range(200 * tables.robots + 2000):
         away, angle = generator.uniform(START_MIN_M, START_MAX_M), generator.uniform(0.0, 2.0 * math.pi)
         place = (station[0] + away * math.cos(angle), station[1] + away * math.sin(angle))
-        if line_of_sight(walls, wider, place, station):
+        if line_of_sight(walls, wider, place, station) and _apart(tables, place, starts):
             starts.append(place)
             if len(starts) == tables.robots:
                 return np.array(starts)
     raise ScenarioError(
         f"station: no free place for robot {len(starts) + 1} of {tables.robots} between "
-        f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}"
+        f"{START_MIN_M:g} and {START_MAX_M:g} m around the station at {station[0]:g}, {station[1]:g}, "
+        f"with body_radius_m = {tables.body_radius_m:g}"
     )
+
+
+def _apart(tables: Tables, place: Point, starts: Sequence[Point]) -> bool:
+    """Whether the body of a robot that starts at a place touches none of those that start elsewhere."""
+    apart_m = 2.0 * tables.body_radius_m
+    return apart_m == 0.0 or all(math.dist(place, start) > apart_m for start in starts)
 
 
 def _spread(
@@ -226,12 +233,17 @@ def _spread(
     """(robots, 2) seeded centers of free cells, no two alike, up to `radius_m` away and reachable from the MS."""
     places = geometry.centers(np.flatnonzero(connected))
     places = places[np.hypot(*(places - station).T) <= radius_m]
-    if len(places) < tables.robots:
+    drawn = len(places) if tables.body_radius_m else min(tables.robots, len(places))
+    starts: list[Point] = []
+    for x, y in sequence(tables.seed, Stream.STARTS).choice(places, drawn, replace=False).tolist():
+        if len(starts) < tables.robots and _apart(tables, (x, y), starts):
+            starts.append((x, y))
+    if len(starts) < tables.robots:
         raise ScenarioError(
-            f"station.start_radius_m = {radius_m:g}: only {len(places)} free cells there for {tables.robots} robots"
+            f"station.start_radius_m = {radius_m:g}: no free cell there for robot {len(starts) + 1} of "
+            f"{tables.robots}, with body_radius_m = {tables.body_radius_m:g}"
         )
-    chosen: NDArray[np.float64] = sequence(tables.seed, Stream.STARTS).choice(places, tables.robots, replace=False)
-    return chosen
+    return np.array(starts)
 
 
 def _victims(

@@ -70,7 +70,7 @@ def _apply_policy(raw: dict[str, Any]) -> None:
     try:
         defaults = policy_class(name).DEFAULTS
     except PolicyError as error:
-        raise ScenarioError(f"policy = '{shown(name)}': {shown(error, 150)}") from None
+        raise ScenarioError(f"policy = '{shown(name)}': {shown(error, 300)}") from None
     for key, value in defaults.items():
         *tables, last = key.split(".")
         inner: Any = raw

@@ -85,6 +85,7 @@ class Scenario:
             victims_m=arena.victims_m,
             lidar=tables.lidar,
             pose_noise_m=tables.pose_noise_m,
+            body_radius_m=tables.body_radius_m,
             faults=tables.fault,
             cell_names=self.cell_names,
             hang_deadline_s=tables.deadlines.hang_s,
@@ -96,7 +97,15 @@ class Scenario:
 
     def medium_config(self) -> MediumConfig:
         tables, arena = self.tables, self.arena
-        return MediumConfig(tables.seed, tables.robots, tables.radius_m, arena.geometry, arena.occupied, tables.radio)
+        return MediumConfig(
+            seed=tables.seed,
+            robots=tables.robots,
+            cells=len(self.cell_names),
+            radius_m=tables.radius_m,
+            geometry=arena.geometry,
+            occupied=arena.occupied,
+            radio=tables.radio,
+        )
 
     def robot_config(self, node: int) -> RobotConfig:
         """What robot `node` knows before it starts; `station_config` has the station."""
@@ -115,15 +124,18 @@ class Scenario:
             loss_1m_db=radio.loss_1m_db,
             exponent=radio.exponent,
             robots=tables.robots,
+            lidar_noise_m=tables.lidar.noise_m,
+            pose_noise_m=tables.pose_noise_m,
             power_smoothing_s=POWER_SMOOTHING_S if noisy else 0.0,
             wall_factor=tables.rules.scouting.wall_factor(radio.model, radio.wall_loss_db, radio.exponent),
+            body_radius_m=tables.body_radius_m,
             bandwidth_limited=radio.limited,
             policy=tables.policy,
             rules=tables.rules,
         )
 
     def station_config(self) -> StationConfig:
-        return StationConfig(self.robot_config(STATION), self.arena.search_cells)
+        return StationConfig(self.robot_config(STATION), self.arena.search_cells, self.arena.occupied)
 
     def recorder_config(self, run: str) -> RecorderConfig:
         tables, arena = self.tables, self.arena

@@ -131,6 +131,8 @@ class Tables:
     """Simulated seconds per second of wall time."""
     pose_noise_m: Annotated[float, Ge(0), Le(100)] = 0.0
     """Standard deviation of each coordinate that a robot senses of itself."""
+    body_radius_m: Annotated[float, Ge(0), Le(10)] = 0.0
+    """Robots are discs of this radius that do not pass through one another; 0: points that do."""
     station: StationPlace = field(default_factory=StationPlace)
     cell: Annotated[tuple[Cell, ...], MaxLen(1000)] = ()
     """Search cells; none: one cell `all` of everything that can be reached."""

@@ -83,7 +83,8 @@ def reach_from_station(scenario: Scenario) -> Reach:
     """Shortest paths from the MS over the true floor plan."""
     arena = scenario.arena
     known = OwnMap(scenario.robot_config(STATION))
-    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), arena.occupied.ravel().astype(np.int8))
+    odds = np.where(arena.occupied.ravel(), np.int8(1), np.int8(-1))
+    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), odds)
     return Planner(known).reach(arena.geometry.index(*arena.station_m))
 
 

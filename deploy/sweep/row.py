@@ -10,10 +10,10 @@ import functools
 import hashlib
 import json
 import os
+import sys
 import tempfile
 import time
 import tomllib
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any, Final, Literal
 
 from bus.built import ROOT, built_from
 from bus.excerpt import shown
+from deploy.failures import Crash
 from deploy.run_folder.status import ERROR
 from deploy.run_folder.summary import shortfall
 from deploy.run_folder.writer import RunFolder
@@ -37,6 +38,9 @@ _DECIDE: Final = (
 )  # fmt: skip
 """Sources that decide the row of a run, besides the compiled loops."""
 _LONGEST_ERROR: Final = 300
+_TOLD: Final[set[str]] = set()
+"""Kinds of exceptions whose traceback this worker has printed."""
+
 _LEFT_OUT: Final = ("description", "floor_plan", "cell", "station", "deadlines", "speed", "name")
 """Keys of a scenario that are no columns: the floor plan, and what can't change a result."""
 
@@ -58,8 +62,14 @@ def run_point(key: str, variant: str, toml: str, engine: Engine, series_step_s: 
         with tempfile.TemporaryDirectory(prefix="vds-study-") as temporary:
             return _run(key, variant, toml, engine, series_step_s, Path(temporary))
     except Exception as error:  # one bad run must not end a study of hundreds
-        traceback.print_exc()
-        row = failed_row(key, variant, toml, engine, f"{type(error).__name__}: {error}")
+        crash = Crash.of(error)
+        if crash.kind not in _TOLD:
+            _TOLD.add(crash.kind)
+            print(
+                f"{crash.traceback}\n(in run {key}; later ones of this worker in the same way are not told)",
+                file=sys.stderr,
+            )
+        row = failed_row(key, variant, toml, engine, crash.headline)
         return Finished({**row, "wall_s": round(time.monotonic() - begun, 3)}, {})
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.config import Reporting
+from agents.config import Reporting, RobotConfig
+from agents.evidence import SensorModel
 from agents.map_downlink import MapCopy, MapDownlink
 from agents.messages import MapChunk, ScanReport
 from agents.neighbors import Neighbors
@@ -19,11 +20,11 @@ from tests.helpers.routing_field import router_config
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(20, 20)
-NOWHERE = (0.0, 0.0, 0.0, 0.0)
+CONFIG = RobotConfig(1, 1, GEOMETRY, (1.0, 1.0), (0.0, 0.0, 0.0, 0.0), 20.0, 8.0, 180, 0.0, 40.0, 3.0)
 
 
 def copy(chunk_cells: int) -> MapCopy:
-    return MapCopy(chunk_cells, GEOMETRY.blank(NOWHERE))
+    return MapCopy(chunk_cells, SensorModel(CONFIG))
 
 
 def report(cells: list[int], value: int = FREE) -> ScanReport:
@@ -43,7 +44,7 @@ def make(uplink: ScanUplink, cells: list[int]) -> None:
 @given(seed=st.integers(0, 2**32), loss=st.sampled_from([0.0, 0.3, 0.7]))
 def test_every_report_is_merged_once_and_then_forgotten(seed: int, loss: float) -> None:
     rng = random.Random(seed)
-    uplink, merger = ScanUplink(3, 1, Reporting()), MapMerger(GEOMETRY, NOWHERE)
+    uplink, merger = ScanUplink(3, 1, Reporting()), MapMerger(CONFIG)
     acks: list[bytes] = [b""]
     for tick in range(600):
         if tick < 100 and rng.random() < 0.3:
@@ -71,7 +72,7 @@ def test_a_report_is_sent_again_after_twice_the_round_trip_and_not_before() -> N
 
 
 def test_acknowledgements_of_another_incarnation_do_not_count() -> None:
-    old, new, merger = ScanUplink(3, 0, Reporting()), ScanUplink(3, 1, Reporting()), MapMerger(GEOMETRY, NOWHERE)
+    old, new, merger = ScanUplink(3, 0, Reporting()), ScanUplink(3, 1, Reporting()), MapMerger(CONFIG)
     for uplink in (old, new):
         make(uplink, [1])
     for payload in old.due(0, 1, boundless()):
@@ -81,7 +82,7 @@ def test_acknowledgements_of_another_incarnation_do_not_count() -> None:
 
 
 def test_a_gap_is_not_acknowledged() -> None:
-    uplink, merger = ScanUplink(3, 0, Reporting()), MapMerger(GEOMETRY, NOWHERE)
+    uplink, merger = ScanUplink(3, 0, Reporting()), MapMerger(CONFIG)
     for k in range(3):
         make(uplink, [k])
     first, second, third = (ScanReport.decode(p) for p in uplink.due(0, 1, boundless()))
@@ -96,8 +97,8 @@ def test_a_gap_is_not_acknowledged() -> None:
 
 
 @given(st.permutations([report([1, 2], FREE), report([2, 3], OCCUPIED), report([2, 4], FREE)]))
-def test_occupied_beats_free_beats_unknown_in_any_order(reports: list[ScanReport]) -> None:
-    merger = MapMerger(GEOMETRY, NOWHERE)
+def test_with_exact_sensors_occupied_beats_free_beats_unknown_in_any_order(reports: list[ScanReport]) -> None:
+    merger = MapMerger(CONFIG)
     for k, one in enumerate(reports):
         merger.take(ScanReport(1, 0, k + 1, one.cells, one.values))
     assert merger.cells[:6].tolist() == [UNKNOWN, FREE, OCCUPIED, OCCUPIED, FREE, UNKNOWN]
@@ -116,7 +117,7 @@ def test_a_child_gets_every_change_in_order_whatever_is_lost(seed: int, loss: fl
             break
         if tick < 60:
             new = np.array([unseen.pop() for _ in range(rng.randrange(4))], np.uint32)
-            parent.append(new, np.zeros(len(new), np.int8))
+            parent.append(new, np.full(len(new), -1, np.int8))
         neighbors.hear(2, tick, -50.0)
         if rng.random() >= loss:
             neighbors.by_id[2].map_version = child.version
@@ -133,7 +134,7 @@ def test_a_child_gets_every_change_in_order_whatever_is_lost(seed: int, loss: fl
 
 def test_a_chunk_that_leaves_a_gap_brings_nothing() -> None:
     child = copy(chunk_cells=7)
-    cells, _ = child.receive(MapChunk(3, np.array([1], np.uint32), np.array([0], np.int8)))
+    cells, _ = child.receive(MapChunk(3, np.array([1], np.uint32), np.array([-1], np.int8)))
     assert not cells.size
     assert child.version == 0
 
@@ -141,7 +142,7 @@ def test_a_chunk_that_leaves_a_gap_brings_nothing() -> None:
 def test_a_child_that_answers_gets_each_change_once() -> None:
     parent, child = MapDownlink(chunk_cells=100), copy(chunk_cells=100)
     neighbors = Neighbors(router_config(1))
-    parent.append(np.arange(10, dtype=np.uint32), np.zeros(10, np.int8))
+    parent.append(np.arange(10, dtype=np.uint32), np.full(10, -1, np.int8))
     sent, on_air = 0, []
     for tick in range(20):
         # Sent at a tick, heard and answered at the next, noticed at the one after.

@@ -29,7 +29,7 @@ def config(geometry: GridGeometry = GEOMETRY) -> RobotConfig:
 
 def map_of(free: np.ndarray) -> OwnMap:
     own = OwnMap(config(GridGeometry(*free.shape)))
-    own.apply(np.arange(free.size, dtype=np.uint32), np.where(free.ravel(), FREE, OCCUPIED).astype(np.int8))
+    own.apply(np.arange(free.size, dtype=np.uint32), np.where(free.ravel(), -1, 1).astype(np.int8))
     return own
 
 
@@ -72,7 +72,7 @@ def test_a_map_that_becomes_known_bit_by_bit_plans_like_a_known_one(seed: int) -
     own = OwnMap(config())
     planner = Planner(own)
     for part in np.array_split(np.array(order), 5):
-        own.apply(part.astype(np.uint32), np.zeros(len(part), np.int8))
+        own.apply(part.astype(np.uint32), np.full(len(part), -1, np.int8))
         planner.reach(int(part[0]))
     wall = np.array(order[: len(order) // 10])
     own.apply(wall.astype(np.uint32), np.ones(len(wall), np.int8))
@@ -95,7 +95,7 @@ def test_a_scan_never_takes_a_wall_for_free_nor_free_space_for_a_wall(seed: int)
     for cell in rng.choice(cells, 5).tolist():
         x, y = GEOMETRY.center(cell)
         x, y = x + rng.uniform(-0.24, 0.24), y + rng.uniform(-0.24, 0.24)
-        changed, values = own.integrate(x, y, caster.cast(x, y))
+        changed, values, _ = own.integrate(x, y, caster.cast(x, y))
         assert (own.cells[changed] == values).all()
         assert own.cells[cell] == FREE
     known = own.cells != UNKNOWN
@@ -104,7 +104,7 @@ def test_a_scan_never_takes_a_wall_for_free_nor_free_space_for_a_wall(seed: int)
 
 def test_frontiers_are_free_cells_next_to_unknown_ones() -> None:
     own = OwnMap(config())
-    own.apply(GEOMETRY.rectangle(2, 2, 5, 5).astype(np.uint32), np.zeros(36, np.int8))
+    own.apply(GEOMETRY.rectangle(2, 2, 5, 5).astype(np.uint32), np.full(36, -1, np.int8))
     assert own.frontiers().tolist() == [
         c
         for c in GEOMETRY.rectangle(2, 2, 5, 5).tolist()

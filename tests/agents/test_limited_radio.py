@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.announcer import Announcer
-from agents.config import Reporting
+from agents.config import Reporting, RobotConfig
 from agents.dsdv import Router
+from agents.evidence import SensorModel
 from agents.forwarding_table import ROW, freshness_of
 from agents.map_downlink import MapCopy, MapDownlink
 from agents.messages import ACK, AHEAD, MapChunk, ScanReport, Update
@@ -29,8 +30,9 @@ from tests.helpers.routing_field import router_config
 from world.grid import FREE, GridGeometry
 from world.terms import NOBODY, STATION, Cls
 
-GEOMETRY = GridGeometry(60, 60)
-NOWHERE = (0.0, 0.0, 0.0, 0.0)
+CONFIG = RobotConfig(
+    1, 1, GridGeometry(60, 60), (1.0, 1.0), (0.0, 0.0, 0.0, 0.0), 20.0, 8.0, 180, 0.0, 40.0, 3.0
+)  # fmt: skip
 
 
 def room(left: int, share: int | None = None) -> Room:
@@ -55,7 +57,7 @@ def sent(uplink: ScanUplink, tick: int, left: int = 1000, hops: int = 1) -> list
 def test_every_cell_arrives_through_whatever_there_is_room_for(seed: int, loss: float, share: int) -> None:
     rng = random.Random(seed)
     uplink, relay = (ScanUplink(node, 1, Reporting(), limited=True) for node in (3, 4))
-    merger = MapMerger(GEOMETRY, NOWHERE)
+    merger = MapMerger(CONFIG)
     acks: deque[tuple[bytes, bytes]] = deque([(b"", b"")], maxlen=3)
     seen: set[int] = set()
     victims: set[int] = set()
@@ -134,7 +136,7 @@ def test_only_what_the_ms_lacks_is_sent_again() -> None:
     for k in range(4):
         scan(uplink, range(k, k + 1))
     assert [sent(uplink, tick) for tick in range(1, 5)] == [[1], [2], [3], [4]]
-    merger = MapMerger(GEOMETRY, NOWHERE)
+    merger = MapMerger(CONFIG)
     for number in (1, 3, 4):
         merger.take(ScanReport(3, 0, number, np.array([number], np.uint32), np.zeros(1, np.int8)))
     assert merger.ahead() == AHEAD.pack(3, 0, 1, 0b11)
@@ -217,7 +219,7 @@ def test_an_update_has_the_own_row_and_that_of_the_ms_and_the_others_in_turn() -
     seen: list[int] = []
     for tick in range(12):
         air = room(400)
-        payload = announcer.update(tick, STATION, NOBODY, 0, (b"", b""), air)
+        payload = announcer.update(tick, STATION, NOBODY, 0, (b"", 0, b""), air)
         assert payload is not None
         assert len(payload) <= 200, "half of a share"
         assert air.left == 400 - len(payload)
@@ -231,10 +233,10 @@ def test_an_update_has_the_own_row_and_that_of_the_ms_and_the_others_in_turn() -
 def test_with_little_room_updates_are_rarer_but_never_silent() -> None:
     router = crowded_router(30)
     announcer = Announcer(router)
-    said = [tick for tick in range(1, 40) if announcer.update(tick, STATION, NOBODY, 0, (b"", b""), room(100, 45))]
+    said = [tick for tick in range(1, 40) if announcer.update(tick, STATION, NOBODY, 0, (b"", 0, b""), room(100, 45))]
     gaps = set(np.diff(said).tolist())
     assert gaps == {4}, "less than the silence limit of 5 ticks"
-    assert announcer.update(60, STATION, NOBODY, 0, (b"", b""), room(50, 45)) is None, "there is no room"
+    assert announcer.update(60, STATION, NOBODY, 0, (b"", 0, b""), room(50, 45)) is None, "there is no room"
 
 
 def test_acknowledgements_come_after_routing_when_they_changed_and_again_after_a_second() -> None:
@@ -242,7 +244,7 @@ def test_acknowledgements_come_after_routing_when_they_changed_and_again_after_a
     acks = b"".join(ACK.pack(robot, 0, 1) for robot in range(1, 10))
 
     def said(tick: int, what: bytes, left: int = 1000) -> bytes:
-        payload = announcer.update(tick, STATION, NOBODY, 0, (what, b""), room(left))
+        payload = announcer.update(tick, STATION, NOBODY, 0, (what, 0, b""), room(left))
         assert payload is not None
         return Update.decode(payload).acks
 
@@ -266,9 +268,9 @@ def test_an_update_without_acknowledgements_takes_none_back() -> None:
 
 def test_one_frame_serves_all_children_and_changes_arrive_in_whatever_there_is_room_for() -> None:
     parent = MapDownlink(2000)
-    copies = {child: MapCopy(2000, GEOMETRY.blank(NOWHERE)) for child in (2, 3, 4)}
+    copies = {child: MapCopy(2000, SensorModel(CONFIG)) for child in (2, 3, 4)}
     neighbors = Neighbors(router_config(1))
-    parent.append(np.arange(1000, dtype=np.uint32), np.zeros(1000, np.int8))
+    parent.append(np.arange(1000, dtype=np.uint32), np.full(1000, -1, np.int8))
     frames = 0
     for tick in range(100):
         for child, copy in copies.items():

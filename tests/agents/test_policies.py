@@ -11,6 +11,7 @@ import pytest
 
 from agents.policies import PolicyError, policy_class
 from agents.scout import Scout
+from agents.sortie import Sortie
 from agents.vds import Vds
 from deploy.scenario import ScenarioError, load
 from deploy.simulation import Simulation
@@ -21,6 +22,7 @@ QUICK = {"robots": 4, "duration_s": 20.0}
 def test_names_lead_to_classes() -> None:
     assert policy_class("vds") is Vds
     assert policy_class("scout") is Scout
+    assert policy_class("sortie") is Sortie
     assert issubclass(policy_class("docs.examples.nearest_frontier:NearestFrontier"), Vds)
 
 

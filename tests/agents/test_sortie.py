@@ -92,13 +92,19 @@ def test_a_far_target_is_not_worth_a_sortie_before_a_stall() -> None:
     assert walk.tick()[1] is Mode.AWAY
 
 
-def test_nobody_leaves_while_retreating_or_holding_a_child(reached: list[bool]) -> None:
+@pytest.mark.usefixtures("reached")
+def test_nobody_leaves_while_it_retreats_rests_or_holds_a_child() -> None:
     walk = Walk()
-    walk.sortie.explorer.retreat_until = 10**6
-    for _ in range(2 * STOPPED_TICKS):
+    for _ in range(STOPPED_TICKS):
         walk.tick()
-    assert not reached[0]
-    assert walk.sortie._outing is None
+    sortie = walk.sortie
+    sortie._outing = None
+    for name, value, free in (("retreat_until", 10**6, -1), ("hold", 3, NOBODY), ("_not_before", 10**6, 0)):
+        owner = sortie.explorer if name == "retreat_until" else sortie
+        assert sortie._may_leave()
+        setattr(owner, name, value)
+        assert not sortie._may_leave(), name
+        setattr(owner, name, free)
 
 
 def test_a_sortie_ends_at_home(reached: list[bool]) -> None:
@@ -110,10 +116,10 @@ def test_a_sortie_ends_at_home(reached: list[bool]) -> None:
     velocity, mode = walk.tick(routed=False)
     assert mode is Mode.AWAY
     assert velocity == pytest.approx((TRACE_M_S, 0.0), abs=1e-6)
-    while mode is Mode.AWAY:
+    for _ in range(int(2.0 / (0.1 * TRACE_M_S))):
         velocity, mode = walk.tick(routed=False)
     assert mode is Mode.LOST, "nobody is there any more: an unplanned absence begins"
-    assert math.dist(walk.stage.body.at, walk.left_at) < 0.7
+    assert math.dist(walk.stage.body.at, walk.left_at) < 1.5
 
 
 def test_a_sortie_ends_wherever_the_network_is_met(reached: list[bool]) -> None:
@@ -183,8 +189,13 @@ def test_the_next_frontier_is_the_nearest_from_which_the_way_home_fits(reached: 
     assert walk.sortie.target == pytest.approx((x + 2.0, y), abs=1.1)
     outing = walk.sortie._outing
     assert outing is not None
-    outing.until = body.tick + 5
+    # 0.1 s of a tick at 0.4 m/s are 4 cm: of the way there and home, one would fit alone.
+    there_m = math.dist(body.at, walk.sortie.target)
+    back_m = math.dist(outing.home, walk.sortie.target)
+    outing.until = body.tick + round((max(there_m, back_m) + 0.5 * min(there_m, back_m)) / 0.04)
     assert outing.next_frontier() is None
+    outing.until = body.tick + round((there_m + back_m + 1.5) / 0.04)
+    assert outing.next_frontier() is not None
 
 
 @pytest.mark.parametrize(("target_m", "kept"), [(12.0, True), (14.0, False)])
@@ -253,6 +264,16 @@ def test_who_cannot_join_on_the_way_goes_to_its_nms_first() -> None:
     velocity, mode, _ = stage.scout._move(Cls.SR)
     assert mode is Mode.WALK
     assert velocity == pytest.approx((TRACE_M_S * 2 / math.hypot(2, 4), TRACE_M_S * -4 / math.hypot(2, 4)))
+
+
+@pytest.mark.usefixtures("reached")
+def test_nobody_joins_a_neighbor_that_it_reaches_only_without_its_nms() -> None:
+    stage = joining()
+    stage.other(2, CORNER, cls=Cls.RR)  # out of sight a metre farther west
+    stage.other(3, (5.0, 8.0), cls=Cls.RR, nms=2, ms_freshness=freshness_of(2, 2))
+    velocity, _, _ = stage.scout._move(Cls.SR)
+    way = CORNER[0] - 24.0, CORNER[1] - 8.0
+    assert velocity == pytest.approx(tuple(TRACE_M_S * d / math.hypot(*way) for d in way)), "back to its NMS first"
 
 
 # -- back --------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from bus.member import Member
 from bus.nodes import process_name, user_name
 from bus.session import Session, local_endpoint
 from deploy.processes.supervisor import Supervisor
+from medium.config import MediumConfig
 from medium.messages import BROADCAST, Frame, Inbox, Transmission
 from medium.process import Shell as MediumShell
 from tests.bench.pattern import Pattern, TickTimes
@@ -104,9 +105,6 @@ class _Medium:
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]:
         return {node: Inbox(positions.tick + 1, self._heard) for node in transmissions}
 
-    def reject(self, frames: int) -> None:
-        raise RuntimeError(f"{frames} frames rejected")
-
     def final(self) -> dict[str, Any]:
         return {}
 
@@ -133,8 +131,12 @@ def _world(pattern: Pattern, login: Login, result: Path) -> None:
 
 
 def _medium(pattern: Pattern, login: Login, users: Mapping[str, str]) -> None:
+    config = MediumConfig(
+        seed=0, robots=pattern.robots, cells=0, radius_m=1.0, geometry=GridGeometry(1, 1),
+        occupied=np.zeros((1, 1), bool),
+    )  # fmt: skip
     with Session.host(login, users) as session:
-        MediumShell(_Medium(pattern), session, hosts=True).run()
+        MediumShell(_Medium(pattern), config, session, hosts=True).run()
 
 
 def _node(pattern: Pattern, login: Login, node: int) -> None:

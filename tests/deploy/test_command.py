@@ -28,7 +28,7 @@ RUN = [sys.executable, str(ROOT / "deploy" / "run_local.py")]
         (["--in-process", "--live"], "--live is for real processes"),
         (["--in-process", "--plain-scheduling"], "--plain-scheduling is for real processes"),
         (["--live", "--no-recording"], "--live watches the station record"),
-        (["--policy", ":"], "policy = ':': should be one of vds, scout, or module:Class"),
+        (["--policy", ":"], "policy = ':': should be one of vds, scout, sortie, or module:Class"),
         (["--port=\u0661"], "argument --port: '\u0661' is not a whole number"),
         (["--robots", "1_0"], "argument --robots: '1_0' is not a whole number"),
         (["--seed", "9" * 5000], "argument --seed"),
@@ -56,9 +56,12 @@ def test_a_scenarios_speed_is_not_dropped_in_silence(tmp_path: Path) -> None:
 def test_each_signal_ends_a_run_in_one_process_in_order(number: signal.Signals, tmp_path: Path) -> None:
     long = ("--in-process", "--no-recording", "--robots", "2", "--duration", "100000", "--out", "run")
     with subprocess.Popen([*RUN, *long], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as running:
-        wait_until(lambda: len(rows(tmp_path / "run" / "metrics.csv")) > 3, 300, "some seconds are simulated")
-        os.kill(running.pid, number)
-        _, errors = running.communicate(timeout=300)
+        try:
+            wait_until(lambda: len(rows(tmp_path / "run" / "metrics.csv")) > 3, "some seconds are simulated")
+            os.kill(running.pid, number)
+            _, errors = running.communicate()
+        finally:
+            running.kill()
     assert (running.returncode, errors) == (0, b"")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["status"] == "interrupted"
 

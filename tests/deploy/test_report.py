@@ -142,7 +142,7 @@ def test_the_page_speaks_of_every_status_in_words_and_promises_no_digest_of_half
     page = Page(report_page(read_run(tmp_path / "run"))).text
     assert STATUSES[status].words in page
     assert "_" not in STATUSES[status].words
-    assert ("same digest" in page) == (status in ("searched", "time_limit", "no_robots"))
+    assert ("same digest" in page) == (status in ("searched", "time_limit", "exhausted", "no_robots"))
 
 
 def test_a_comparison_shows_both_and_the_difference(plain: Path, faulted: Path) -> None:

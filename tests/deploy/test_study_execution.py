@@ -60,17 +60,24 @@ def test_only_what_is_missing_is_run(tmp_path: Path, claimed: Callable[[Path], R
     workers.close()
 
 
-def test_a_run_that_raises_is_a_row_with_its_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_raises_is_a_row_with_its_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deploy.sweep.row._TOLD", set())
     good = points_of(load_study(str(tiny(tmp_path, 1, 2.0))))[0]
-    bad = dataclasses.replace(good, key="bad", toml=good.toml.replace("robots = 2", "robots = 0"))
+    bad, worse = (
+        dataclasses.replace(good, key=key, toml=good.toml.replace("robots = 2", f"robots = {robots}"))
+        for key, robots in (("bad", 0), ("worse", -1))
+    )
     workers = Threads()
-    rows = {point.key: run.row for point, run in Execution(workers, "in-process", 1).results([bad, good])}
+    rows = {point.key: run.row for point, run in Execution(workers, "in-process", 1).results([bad, worse, good])}
     workers.close()
     assert rows["bad"]["status"] == ERROR
     assert "robots" in rows["bad"]["error"]
     assert rows[good.key]["status"] == "time_limit"
     assert rows[good.key]["ticks"] == 20
-    assert "Traceback" in capsys.readouterr().err
+    assert rows["worse"]["status"] == ERROR
+    assert capsys.readouterr().err.count("Traceback") == 1, "hundreds of runs that fail alike print it once"
 
 
 @pytest.mark.processes

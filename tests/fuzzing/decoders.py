@@ -66,7 +66,7 @@ from world.control import Control
 from world.faults import jam_of, parse_fault
 from world.feed import Absence, Event, Signal, Snapshot, unpack_feed
 from world.limits import decode_word
-from world.messages import Departed, Positions, Sense, Stop
+from world.messages import Departed, Motion, Positions, Report, Sense, Stop
 from world.pace import Pace
 from world.seeds import node_stream
 from world.terms import STATION
@@ -136,7 +136,7 @@ def ways_in() -> tuple[WayIn, ...]:
 
 def _messages() -> Iterator[WayIn]:
     packed = recorded().packed
-    world, robot = scenario().world_config(), scenario().robot_config(1)
+    robot = scenario().robot_config(1)
     by_kind: dict[str, Callable[[bytes], object]] = {
         "sense": lambda data: Sense.decode(data, robot.lidar_beams),
         "inbox": lambda data: Inbox.decode(data, robot.robots),
@@ -145,7 +145,7 @@ def _messages() -> Iterator[WayIn]:
         "transmission": Transmission.decode, "departed": Departed.decode, "stop": Stop.decode,
         "signal": Signal.decode, "event": Event.decode, "snapshot": Snapshot.decode, "feed": unpack_feed,
         "batch": unbatch, "table": Table.decode, "phases": decode_phases, "final": unpack_map, "sealed": unseal,
-        "motion": lambda data: decode_word(1, data, world), "report": lambda data: decode_word(STATION, data, world),
+        "motion": lambda data: _word(1, Motion, data), "report": lambda data: _word(STATION, Report, data),
         f"payload {UPDATE}": Update.decode, f"payload {MAP_CHUNK}": MapChunk.decode,
         f"payload {SCAN_REPORT}": ScanReport.decode, "rows": _merge, "acks": _acknowledge,
         "ahead": lambda ahead: _acknowledge(ACK.pack(1, 0, 1), ahead),
@@ -157,6 +157,11 @@ def _messages() -> Iterator[WayIn]:
     yield WayIn("carried report", one_hop_on, tuple(packed[f"payload {SCAN_REPORT}"]))
     yield WayIn("journal", _restore, tuple(packed["journal"]), (), slow=True)
     yield WayIn("parts of a message", _join, tuple(packed["answer"]), ())
+
+
+def _word(node: int, kind: type[Motion | Report], data: bytes) -> object:
+    config = scenario().medium_config()
+    return decode_word(node, kind.decode(data).tick, data, robots=config.robots, cells=config.cells)
 
 
 def _merge(rows: bytes) -> object:
@@ -172,7 +177,7 @@ def _merge(rows: bytes) -> object:
 
 def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     config = scenario().robot_config(1)
-    payload = Update(-1, -1, 0, b"", acks, ahead).encode()
+    payload = Update(-1, -1, 0, b"", acks, 0, ahead).encode()
     Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):

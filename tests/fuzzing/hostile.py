@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import random
 import time
 from collections.abc import Callable
@@ -11,6 +10,8 @@ from typing import Final, TypeVar
 from agents.policies import policy_class
 from agents.robot import Robot
 from bus.codec import WireError
+from bus.envelopes import Answer
+from medium.answers import transmission_of
 from medium.core import Medium
 from medium.messages import Frame, Inbox, Reception, Transmission
 from monitor_station.core import Station
@@ -42,9 +43,9 @@ class HostileRun:
         self._scenario = scenario(rng.choice(("vds", "scout")))
         self._share = rng.choice((0.02, 0.2, 0.7))
         """Of the messages that are changed on their way."""
-        self._config = self._scenario.world_config()
-        self._world = World(self._config)
-        self._medium = Medium(self._scenario.medium_config())
+        self._world = World(self._scenario.world_config())
+        self._radio = self._scenario.medium_config()
+        self._medium = Medium(self._radio)
         self._robots: dict[int, Robot] = {}
         self._station: Station | None = None
         self._inboxes: dict[int, Inbox] = {}
@@ -80,19 +81,21 @@ class HostileRun:
         motions: dict[int, Motion] = {}
         report = None
         for node, sense in begin.senses.items():
-            frames, answer = self._step(node, sense)
-            silence = Transmission(tick, node, ())
-            said = self._passed(Transmission(tick, node, frames).encode(), Transmission.decode, silence)
-            transmissions[node] = said if said.src == node and said.tick == tick else silence
-            word = self._passed(answer.encode(), functools.partial(self._word, node), None)
-            if isinstance(word, Motion):
-                motions[node] = word
-            elif isinstance(word, Report):
-                report = word
+            frames, word = self._step(node, sense)
+            packed = Answer(
+                tick, self._altered(Transmission(tick, node, frames).encode()), self._altered(word.encode())
+            )
+            try:
+                transmissions[node] = transmission_of(node, packed, self._radio)
+            except WireError:
+                self.refused += 1
+                continue
+            said = decode_word(node, tick, packed.motion, robots=self._radio.robots, cells=self._radio.cells)
+            if isinstance(said, Report):
+                report = said
+            else:
+                motions[node] = said
         return transmissions, motions, report
-
-    def _word(self, node: int, data: bytes) -> Motion | Report | None:
-        return decode_word(node, data, self._config)
 
     def _step(self, node: int, sense: Sense) -> tuple[tuple[Frame, ...], Motion | Report]:
         config = self._scenario.robot_config(node)
@@ -129,13 +132,17 @@ class HostileRun:
         src, power_dbm, payload = reception
         return src, power_dbm, self._passed(payload, lambda data: data, payload)
 
-    def _passed(self, packed: bytes, decode: Callable[[bytes], M], instead: M) -> M:
-        """What arrives of a message; `instead` if that is refused, as an honest word may be after a lie."""
+    def _altered(self, packed: bytes) -> bytes:
+        """What arrives of a message."""
         if self._rng.random() < self._share:
             self.inputs += 1
             packed = mutated(self._rng, packed, self._pool)
+        return packed
+
+    def _passed(self, packed: bytes, decode: Callable[[bytes], M], instead: M) -> M:
+        """What is read of a message that arrives; `instead` if it is refused, as an honest word may be after a lie."""
         try:
-            return decode(packed)
+            return decode(self._altered(packed))
         except WireError:
             self.refused += 1
             return instead

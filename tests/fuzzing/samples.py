@@ -62,7 +62,7 @@ class RecordingWorld(World):
         packed = self.kept.packed
         packed["motion"] += [motion.encode() for motion in motions.values()]
         answers = [(node, node + 1, self.tick, motion.encode()) for node, motion in motions.items()]
-        packed["moves"].append(Moves(answers, self.tick, tuple(motions)).encode())
+        packed["moves"].append(Moves(answers, self.tick, [(1, 7)]).encode())
         if report is not None:
             packed["report"].append(report.encode())
         return super().end(motions, report)

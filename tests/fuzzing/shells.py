@@ -71,10 +71,18 @@ def noise(rng: random.Random, keys: Keys, *on: str) -> Message:
     return key, mutated(rng, data, [rng.choice(packed[kind])])
 
 
+def word(node: int, tick: int, cells: int) -> bytes:
+    """What an honest node says beside its frames."""
+    if node == STATION:
+        return Report(tick, False, (0.0,) * cells, 0).encode()
+    return Motion(tick, 0.1, 0.0, Status()).encode()
+
+
 def medium_goes_on(rng: random.Random, messages: int) -> None:
     """The medium completes honest ticks, whatever else it hears."""
     session = DeadSession()
-    shell = medium.process.Shell(Medium(scenario().medium_config()), session, hosts=True)  # type: ignore[arg-type]
+    config = scenario().medium_config()
+    shell = medium.process.Shell(Medium(config), config, session, hosts=True)  # type: ignore[arg-type]
     keys = session.keys
     for tick in range(TICKS):
         for _ in range(messages):
@@ -84,8 +92,9 @@ def medium_goes_on(rng: random.Random, messages: int) -> None:
         senses = [(node, seal(Kind.DATA, node + 1, b"sense")) for node in range(5)]
         shell._mailbox.put((keys.positions, seal(Kind.DATA, 0, Opening(positions.encode(), senses).encode())))
         for node in range(5):
-            said = Transmission(tick, node, ((BROADCAST, b"hello"),))
-            shell._mailbox.put((keys.tx(node), seal(Kind.DATA, node + 1, Answer(tick, said.encode(), b"").encode())))
+            said = Transmission(tick, node, ((BROADCAST, b"hello"),)).encode()
+            answer = Answer(tick, said, word(node, tick, config.cells))
+            shell._mailbox.put((keys.tx(node), seal(Kind.DATA, node + 1, answer.encode())))
         while shell._receive(0.0):
             pass
         assert tick in [Moves.decode(moved).complete for moved in session.sent[keys.moved]]
@@ -106,10 +115,8 @@ def world_goes_on(rng: random.Random, messages: int) -> None:
         for _ in range(messages):
             shell._mailbox.put(noise(rng, keys, keys.moved, keys.pong, keys.beat(1), keys.absence))
             shell._receive(0.0)
-        motions = {node: Motion(tick, 0.1, 0.0, Status()).encode() for node in begin.senses}
-        motions[STATION] = Report(tick, False, (0.0,) * len(config.cell_names), 0).encode()
-        answers = [(node, node + 1, tick, motion) for node, motion in motions.items()]
-        shell._mailbox.put((keys.moved, Moves(answers, tick, tuple(motions)).encode()))
+        answers = [(node, node + 1, tick, word(node, tick, len(config.cell_names))) for node in begin.senses]
+        shell._mailbox.put((keys.moved, Moves(answers, tick).encode()))
         shell._collect()
         shell._end()
         shell._publish()

@@ -1,4 +1,4 @@
-"""Four short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
+"""Six short missions, and the digests of their traces: `python -m tests.helpers.golden` prints what they are now.
 
 A digest changes only in a commit of its own that says why.
 """
@@ -19,7 +19,17 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     ),
     "sortie behind walls": (
         "cluttered_room",
-        {"robots": 4, "policy": "sortie", "radio.model": "disk_los", "duration_s": 100.0, "seed": 4},
+        {
+            "robots": 4, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.0,
+            "duration_s": 100.0, "seed": 4,
+        },
+    ),
+    "bodies": (
+        "hospital_ward",
+        {
+            "robots": 10, "policy": "sortie", "radio.model": "disk_los", "body_radius_m": 0.25,
+            "duration_s": 60.0, "seed": 5, "fault": ["kill:3@15", "pause:4@25+5"],
+        },
     ),
     "noise and losses": (
         "office_floor",
@@ -39,11 +49,12 @@ MISSIONS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     ),
 }  # fmt: skip
 DIGESTS: Final = {
-    "vds": "cf3d88415520caf5a3c1038c6f9d88e5ebd539c89b67326f9088eeaa8cea3c08",
-    "scout behind walls": "9f9cb5ed742d7e168fea5e947443982946ac4a7a6ab289a95b017ca4f7e24b54",
-    "sortie behind walls": "40b25fffed0c59cb62f188cc5938cd9fa05535d160189936cb64a5915b7e4ab3",
-    "a poor radio": "7e5b862540fe7717edb393f8ac3fef66c2e3447cff4b62969e75882adaa89f44",
-    "noise and losses": "ea2cc2ccb24d72ecd9ab62a10dca91b29fb1c8878deb27a2e9f885623e5d97c6",
+    "vds": "e5aeef77b8f8fe4be0b6aa20dd50aa26c87c7f6ca24eaa364ab9dc2cdc289e9f",
+    "scout behind walls": "37af168714656b4b65078548d2c5c5eb5c7752af9baf756f3b00cb8ba6f3e022",
+    "sortie behind walls": "6a77f85bb451c1aefa2add3fa30ad3e2a75dc253513faf59385d54720fa8b537",
+    "bodies": "792583c6e503ded3389fedd728ae3d12727463c5503a504199a986a96bf8030a",
+    "a poor radio": "782dcdb529e19140f0842d877ca23a8e608b1d892bcf16155dd298ff233e3818",
+    "noise and losses": "8e1280805c164ba130f009f30996c46766d7640ae3855504772ffe3960129ad9",
 }
 
 

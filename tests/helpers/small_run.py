@@ -200,7 +200,9 @@ class SmallRun:
             }
             | config
         )
-        self.medium = MediumConfig(seed=1, robots=robots, radius_m=50.0, geometry=GRID, occupied=free)
+        self.medium = MediumConfig(
+            seed=1, robots=robots, cells=len(self.world.cell_names), radius_m=50.0, geometry=GRID, occupied=free
+        )
         self.processes: dict[str, BaseProcess] = {}
         self.finals: dict[str, dict[str, Any]] = {}
         self.events: list[Event] = []

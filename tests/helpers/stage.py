@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,15 +27,25 @@ WEST = (5.0, 8.0)
 class Stage:
     """Robot 1 on a map that it knows: free, but for a wall at 5 < y < 6 that ends at x = 20."""
 
-    def __init__(self, policy: str = "scout", **switches: float | bool) -> None:
-        """`switches`: keys of the policy's own table of rules."""
+    def __init__(
+        self,
+        policy: str = "scout",
+        *,
+        bodies_m: float = 0.0,
+        giving_way: Mapping[str, float | bool] | None = None,
+        **switches: float | bool,
+    ) -> None:
+        """`switches`: keys of the policy's own table of rules; `giving_way`: those of that table."""
         table = "scouting" if policy == "scout" else "sorties"
         rules = {f"rules.{table}.{name}": value for name, value in switches.items()}
-        config = load("three_cells", {"policy": policy, "radio.model": "disk_los", **rules}).robot_config(1)
+        rules |= {f"rules.giving_way.{name}": value for name, value in (giving_way or {}).items()}
+        overrides = {"policy": policy, "radio.model": "disk_los", "body_radius_m": bodies_m, **rules}
+        config = load("three_cells", overrides).robot_config(1)
         self.body = Body(config, random.Random(1), 0)
         grid = np.full((config.geometry.rows, config.geometry.cols), FREE, np.int8)
         grid[10:12, :40] = OCCUPIED
-        self.body.map.apply(np.arange(grid.size, dtype=np.uint32), grid.ravel())
+        odds = np.where(grid.ravel() == FREE, -1, 1).astype(np.int8)
+        self.body.map.apply(np.arange(grid.size, dtype=np.uint32), odds)
         made = policy_class(policy)(self.body)
         assert isinstance(made, Scout)
         self.scout = made
@@ -56,6 +67,11 @@ class Stage:
         neighbor = body.router.neighbors.hear(node, body.tick, power_dbm(math.dist(body.at, at)))
         for name, value in more.items():
             setattr(neighbor, name, value)
+
+    @staticmethod
+    def freshness(hops: int) -> int:
+        """Of an entry for the MS with so many hops."""
+        return freshness_of(2, hops)
 
     def nms(self, node: int) -> None:
         self.body.router.table.set_route(STATION, freshness_of(2, 2), node)

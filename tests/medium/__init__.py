@@ -1,1 +1,1 @@
-"""Tests of the radio."""
+"""Tests of the medium."""

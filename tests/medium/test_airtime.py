@@ -23,7 +23,7 @@ def hears_all(n: int) -> NDArray[np.bool_]:
 def medium(**radio: float) -> Medium:
     geometry = GridGeometry(40, 40)
     free = np.zeros((40, 40), np.bool_)
-    return Medium(MediumConfig(1, 2, 15.0, geometry, free, Radio(**radio)))  # type: ignore[arg-type]
+    return Medium(MediumConfig(1, 2, 1, 15.0, geometry, free, Radio(**radio)))  # type: ignore[arg-type]
 
 
 def step(core: Medium, tick: int, *frames: Frame) -> dict[int, Inbox]:

@@ -16,47 +16,19 @@ import pytest
 from deploy.machine.interrupts import SIGNALS
 from deploy.processes.operator_file import OPERATOR
 from tests import ROOT
+from tests.helpers.place import Place
 from tests.helpers.running import LONG, Running
-from tests.helpers.waiting import alive, wait_until
+from tests.helpers.waiting import wait_until
 
 pytestmark = pytest.mark.processes
 
 Start = Callable[..., Running]
 
 
-class Place:
-    """A folder for temporary files, and those who are told of it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.environment = {"TMPDIR": str(path)}
-
-    def names(self) -> set[str]:
-        """All that is in it: names of files without those of folders, which are made up."""
-        return {path.name.partition("-")[0] for path in self.path.rglob("*")}
-
-    def processes(self) -> list[int]:
-        """Who was started with it, whatever became of his parents."""
-        told = f"TMPDIR={self.path}".encode()
-        found = []
-        for process in Path("/proc").iterdir():
-            with contextlib.suppress(OSError):
-                if process.name.isdigit() and told in (process / "environ").read_bytes().split(b"\0"):
-                    found.append(int(process.name))
-        return [pid for pid in found if alive(pid)]
-
-    def janitors(self) -> list[int]:
-        return [pid for pid in self.processes() if b"vds janitor" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-    def assert_clean(self) -> None:
-        wait_until(lambda: not self.processes(), "no process is left")
-        assert not list(self.path.iterdir())
-
-
 @pytest.fixture
-def place() -> Iterator[Place]:
+def place(tmp_path: Path) -> Iterator[Place]:
     with tempfile.TemporaryDirectory(prefix="t-", dir="/tmp") as folder:
-        yield Place(Path(folder))
+        yield Place(Path(folder), tmp_path)
 
 
 STAGES: dict[str, Callable[[Running, Place], bool]] = {

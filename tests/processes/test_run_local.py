@@ -19,8 +19,11 @@ import pytest
 
 from bus.session import free_endpoint, port_of
 from tests import ROOT
+from tests.helpers.policies import policies
 from tests.helpers.running import LONG, Running, assert_readable, command, gone
 from tests.helpers.waiting import alive, wait_until
+
+__all__ = ["policies"]
 
 CTL = ROOT / "deploy" / "ctl.py"
 POOR_RADIO = (
@@ -29,6 +32,7 @@ POOR_RADIO = (
     "--set", "radio.burst_share=0.1", "--set", "radio.bandwidth_bytes_s=5000", "--set", "radio.channel_bytes_s=20000",
 )  # fmt: skip
 """Everything that is off by default."""
+BODIES = ("--policy", "sortie", "--set", "body_radius_m=0.25", "--fault", "kill:2@8")
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -188,7 +192,7 @@ def test_a_launcher_that_is_late_still_hears_every_last_word(start: Callable[...
 
 @pytest.mark.processes
 @pytest.mark.parametrize(
-    "options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los"), POOR_RADIO]
+    "options", [(), ("--policy", "scout", "--radius", 8, "--set", "radio.model=disk_los"), POOR_RADIO, BODIES]
 )
 def test_the_same_run_in_one_process_has_the_same_digest(
     start: Callable[..., Running], options: tuple[object, ...]
@@ -196,7 +200,17 @@ def test_the_same_run_in_one_process_has_the_same_digest(
     of_all = ("--robots", 3, "--duration", 20, "--no-recording", *options)
     many, one = (start(*of_all, *more) for more in ([], ["--in-process"]))
     assert many.ended()[0] == one.ended()[0] == 0
-    for key in ("trace_sha256", "status", "ticks", "search_rate", "connected_fraction", "scan_reports", "frames"):
+    told = (
+        "trace_sha256",
+        "status",
+        "ticks",
+        "search_rate",
+        "connected_fraction",
+        "scan_reports",
+        "frames",
+        "blocked_moves",
+    )
+    for key in told:
         assert many.summary()[key] == one.summary()[key], key
     assert not (many.out / "recording.rrd").exists()
 
@@ -253,6 +267,24 @@ def test_an_agent_that_raises_is_named_with_its_last_words_while_the_run_goes_on
     assert "ArithmeticError: a robot that can't go on" in ended.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert (summary["status"], summary["ticks"], len(summary["failures"])) == ("time_limit", 100, 1)
+
+
+@pytest.mark.processes
+def test_robots_that_all_raise_in_the_same_way_are_told_once(start: Callable[..., Running], policies: Path) -> None:
+    environment = {"PYTHONPATH": str(policies)}
+    running = start("--robots", 5, "--policy", "climbing:Climbs", "--no-recording", environment=environment)
+    status, _, errors = running.ended(90)
+    assert status == 1
+    assert errors.count("Traceback") == 1
+    assert errors.count("has had enough") == 3, "in the first line, and twice in the traceback"
+    assert re.search(
+        r"robot/\d \(pid \d+\) exited with status 1: ArithmeticError: .*climbing\.py, line 8\)$", errors, re.MULTILINE
+    )
+    assert re.search(
+        r"^    4 more failed in the same way: robot/\d, robot/\d, robot/\d, robot/\d$", errors, re.MULTILINE
+    )
+    assert len(errors.splitlines()) < 10
+    assert (running.summary()["status"], len(running.summary()["failures"])) == ("no_robots", 1)
 
 
 @pytest.mark.processes

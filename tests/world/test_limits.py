@@ -20,6 +20,11 @@ from world.terms import STATION, Mode
 
 ROBOTS = 4
 TICK = 7
+CELLS = 2
+
+
+def word(node: int, said: Motion | Report) -> Motion | Report:
+    return decode_word(node, TICK, said.encode(), robots=ROBOTS, cells=CELLS)
 
 
 @pytest.mark.parametrize(
@@ -40,19 +45,26 @@ TICK = 7
     ],
 )
 def test_a_motion_that_cannot_be_is_malformed(status: Status) -> None:
-    made = config(ROBOTS)
     with pytest.raises(WireError):
-        decode_word(1, Motion(TICK, 0.0, 0.0, status).encode(), made)
+        word(1, Motion(TICK, 0.0, 0.0, status))
     best = Status(nms=ROBOTS, msr=ROBOTS, hops=ROBOTS, reports_made=TICK, reports_buffered=TICK, reports_discarded=1)
-    assert decode_word(1, Motion(TICK, 0.0, 0.0, best).encode(), made) == Motion(TICK, 0.0, 0.0, best)
+    assert word(1, Motion(TICK, 0.0, 0.0, best)) == Motion(TICK, 0.0, 0.0, best)
 
 
 @pytest.mark.parametrize("rates", [(), (0.5,), (0.5, 0.5, 0.5), (0.5, 1.1), (0.5, float("nan"))])
 def test_a_report_on_other_cells_is_malformed(rates: tuple[float, ...]) -> None:
-    made = config(ROBOTS, cell_names=("left", "right"))
     with pytest.raises(WireError):
-        decode_word(STATION, Report(TICK, False, rates, 0).encode(), made)
-    assert decode_word(STATION, Report(TICK, False, (0.5, 1.0), 0).encode(), made) is not None
+        word(STATION, Report(TICK, False, rates, 0))
+    assert word(STATION, Report(TICK, False, (0.5, 1.0), 0)) is not None
+
+
+@pytest.mark.parametrize(
+    ("node", "said"),
+    [(1, Motion(TICK - 1, 0.0, 0.0, Status())), (STATION, Report(TICK + 1, False, (0.0,) * CELLS, 0))],
+)
+def test_what_is_said_of_another_tick_is_malformed(node: int, said: Motion | Report) -> None:
+    with pytest.raises(WireError, match=f"of tick {said.tick} in an answer of tick {TICK}"):
+        word(node, said)
 
 
 @pytest.mark.parametrize("velocity", [(1e308, 1e308), (-1e308, 0.0), (1e308, 5e-324), (1e155, 1e155)])

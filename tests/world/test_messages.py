@@ -19,6 +19,7 @@ from bus.envelopes import Answer, Moves, Opening, Turn
 from medium.messages import UNLIMITED, Inbox, Transmission
 from world.feed import Event, Snapshot
 from world.messages import Departed, Jam, Motion, Positions, Report, Sense, Status, Stop
+from world.terms import Mode
 
 coordinate = st.floats(-1e6, 1e6)
 tick = st.integers(0, 2**31 - 1)
@@ -40,7 +41,7 @@ def status_of(made: int) -> st.SearchStrategy[Status]:
     """Of a robot that made so many reports, of which it buffers some."""
     return st.builds(
         Status, st.integers(0, 1), st.integers(-1, 99), st.integers(-1, 99), st.integers(-1, 99), st.integers(0, 255),
-        st.integers(0, 4), coordinate, coordinate, st.just(made), st.integers(0, made), count,
+        st.integers(0, max(Mode)), coordinate, coordinate, st.just(made), st.integers(0, made), count,
     )  # fmt: skip
 
 
@@ -60,7 +61,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
     st.builds(Stop, tick, st.sampled_from(["searched", "time_limit"])),
     st.builds(
         Snapshot, tick, robots, column(np.uint8, 0, 1), column(np.float64, columns=2), column(np.uint8, 0, 1),
-        column(np.uint8, 0, 4), column(np.uint8), column(np.int16, -1, 4), column(np.int16, -1, 4),
+        column(np.uint8, 0, max(Mode)), column(np.uint8), column(np.int16, -1, 4), column(np.int16, -1, 4),
         column(np.float64, columns=2), count,
         st.lists(st.floats(0, 1)).map(tuple), count, st.lists(node).map(tuple),
     ),
@@ -74,7 +75,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
     ),
     st.builds(
         Update, st.integers(-1, 99), st.integers(-1, 99), count, st.binary(),
-        st.just(ACK.pack(1, 0, 1)), st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
+        st.just(ACK.pack(1, 0, 1)), count, st.sampled_from([b"", AHEAD.pack(1, 0, 1, 5)]),
     ),
     st.builds(
         ScanReport, node, node, st.integers(1, 99),
@@ -165,7 +166,7 @@ envelopes = st.one_of(
     st.builds(Opening, st.binary(max_size=9), st.lists(st.tuples(count, st.binary(max_size=9)), max_size=4)),
     st.builds(
         Moves, st.lists(st.tuples(count, st.integers(0, 2**32 - 1), tick, st.binary(max_size=9)), max_size=4),
-        st.integers(-1, 2**31 - 1), st.lists(count, max_size=4),
+        st.integers(-1, 2**31 - 1), st.lists(st.tuples(count, st.integers(0, 2**32 - 1)), max_size=4),
     ),
     st.builds(Turn, st.binary(max_size=9), st.binary(max_size=9)),
     st.builds(Answer, tick, st.binary(max_size=9), st.binary(max_size=9)),

@@ -10,6 +10,7 @@ import pytest
 from tests.helpers.hand_driven import Run, chain, config
 from world.account import Told
 from world.config import Fault, Lidar
+from world.core import DIED
 from world.faults import check_fault, describe, fault_form, parse_fault, resolve
 from world.feed import Signal, Snapshot
 from world.messages import Report, Status
@@ -392,3 +393,17 @@ def test_a_tick_may_be_told_of_when_the_next_has_begun() -> None:
         places = dict(zip(begin.positions.nodes.tolist(), begin.positions.xy_m.tolist(), strict=True))
         robots = zip(account.snapshot.nodes.tolist(), account.snapshot.xy_m.tolist(), strict=True)
         assert all(places.get(node, place) == place for node, place in robots)
+
+
+def test_faults_and_verdicts_are_told_in_the_order_of_their_ticks() -> None:
+    """Also where a death that counts from the next tick is noticed first; a replay has them by their ticks, too."""
+    run = Run(config(duration_s=2.0))
+    run.until(4)
+    run.begun.append(run.world.begin())
+    run.world.depart(3, DIED, counted=True)
+    run.world.depart(2, DIED, counted=False)
+    run.end({node: motion for node, motion in run.motions().items() if node != 2})
+    run.until(9)
+    told = run.world.final()
+    assert [(fault["target"], fault["at_s"]) for fault in told["faults"]] == [("2", 0.5), ("3", 0.6)]
+    assert [verdict["fault"] for verdict in told["recoveries"]] == ["kill:2@0.5", "kill:3@0.6"]

@@ -1,14 +1,10 @@
-"""Chaos: a random fault every 10 simulated seconds, on real processes, and what must hold nevertheless.
+"""Long missions: a random fault every 10 simulated seconds, on real processes, and what must hold nevertheless.
 
-    python -m tests.chaos [--seconds 1000] [--seeds 5]
-
-The faults are drawn from the seed and scheduled, so a run of chaos can be run again to the bit.
+The faults are drawn from the seed and scheduled, so a mission can be run again to the bit.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -120,25 +116,17 @@ def _is_ours(pid: int) -> bool:
         return False
 
 
-def main() -> int:
-    """Run the chosen seeds; returns 1 if anything did not hold."""
-    parser = argparse.ArgumentParser(description="a random fault every 10 simulated seconds, on real processes")
-    parser.add_argument("--seconds", type=float, default=1000.0, help="simulated seconds of each run")
-    parser.add_argument("--seeds", type=int, default=5, help="how many runs")
-    options = parser.parse_args()
-    failed = False
-    for seed in range(1, options.seeds + 1):
+def missions(count: int, seconds: float) -> bool:
+    """Run the missions of seeds 1 to `count`, and print a line each; whether all held."""
+    held = True
+    for seed in range(1, count + 1):
         with tempfile.TemporaryDirectory(prefix="vds-chaos-") as folder:
-            o = chaos(seed, options.seconds, Path(folder))
+            o = chaos(seed, seconds, Path(folder))
         words = "; ".join(o.problems) or "all held"
         print(
             f"seed {seed}: {o.faults} faults in {o.simulated_s:.0f} s simulated ({o.wall_s:.0f} s wall), "
             f"99 % of the ticks within {o.slowest_tick_ms:.0f} ms: {words}",
             flush=True,
         )
-        failed = failed or bool(o.problems)
-    return int(failed)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        held = held and not o.problems
+    return held
