@@ -26,8 +26,6 @@ from tests.helpers.waiting import wait_until
 pytestmark = pytest.mark.processes
 
 SHORT = ("--robots", 3, "--duration", 10)
-SLOWLY = ("--speed", 20)
-"""Not for a run in one process."""
 Start = Callable[..., Running]
 ENGINES = pytest.mark.parametrize("engine", [(), ("--in-process",)], ids=["processes", "in process"])
 
@@ -72,7 +70,7 @@ def test_standard_output_that_is_closed_is_no_file_of_the_run(start: Start) -> N
 def test_a_terminal_that_is_gone_is_no_matter(start: Start, engine: tuple[str, ...]) -> None:
     """Every write fails with EIO then; nobody sends a signal, as the terminal did not control the run."""
     terminal, slave = os.openpty()
-    running = start(*SHORT, *(engine or SLOWLY), stdout=slave)
+    running = start(*SHORT, *(engine or ("--speed", 20)), stdout=slave)
     os.close(slave)
     os.read(terminal, 1)
     os.close(terminal)
@@ -85,7 +83,7 @@ def test_a_terminal_that_is_gone_is_no_matter(start: Start, engine: tuple[str, .
 def test_a_run_ends_in_order_with_the_terminal_that_controls_it(start: Start, engine: tuple[str, ...]) -> None:
     """The kernel sends SIGHUP to all its processes then."""
     terminal, slave = os.openpty()
-    running = start(*LONG, *(engine or SLOWLY), stdout=slave, first=lambda: os.login_tty(slave))
+    running = start(*LONG, *(engine or ("--speed", 20)), stdout=slave, first=lambda: os.login_tty(slave))
     os.close(slave)
     wait_until(lambda: running.rows() > 3, "some seconds are simulated")
     os.close(terminal)
@@ -100,7 +98,7 @@ def test_hanging_up_ends_a_run_in_order_but_for_nohup(start: Start, engine: tupl
     def nohup() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
-    running, kept = start(*LONG, *(engine or SLOWLY)), start(*LONG, *(engine or SLOWLY), first=nohup)
+    running, kept = start(*LONG, *(engine or ("--speed", 20))), start(*LONG, *(engine or ("--speed", 20)), first=nohup)
     for each in (running, kept):
         wait_until(lambda: each.rows() > 3, "some seconds are simulated")  # noqa: B023  # called at once
         each.hang_up()
