@@ -34,7 +34,7 @@ Engine = Literal["in-process", "processes"]
 
 _DECIDE: Final = (
     "bus", "world", "medium", "agents", "monitor_station", "deploy/scenario", "deploy/run_folder", "deploy/processes",
-    "deploy/simulation.py", "deploy/sweep/row.py",
+    "deploy/failures.py", "deploy/simulation.py", "deploy/sweep/row.py",
 )  # fmt: skip
 """Sources that decide the row of a run, besides the compiled loops."""
 _LONGEST_ERROR: Final = 300
