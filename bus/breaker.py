@@ -56,9 +56,9 @@ class Breaker:
             looks = looks + 1 if self.puts == seen and seen % 2 else 0
             seen = self.puts
             if looks == _LOOKS:
-                looks = 0
+                looks, node = 0, self.node  # a put that is stuck no longer is followed by one for another node
                 if self._cut_links():
-                    self._cut(self.node)
+                    self._cut(node)
 
     def _cut_links(self) -> int:
         """Shut down every link of the router that has no room left; returns how many."""

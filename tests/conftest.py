@@ -7,13 +7,16 @@ import signal
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
 
+from deploy.machine.interrupts import SIGNALS
+
 # A busy machine makes any example slow.
 settings.register_profile("suite", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 
 
-# A runner that ignores hang-ups or Ctrl-C (nohup, a shell's `&`) would hand that on to the commands under test.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# A runner that ignores signals, as nohup and a shell's `&` do, would hand that on to the commands under test.
+for number in SIGNALS:
+    signal.signal(number, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

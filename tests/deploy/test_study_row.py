@@ -44,7 +44,7 @@ def imported_by_a_run() -> set[str]:
     return {
         str(p.relative_to(ROOT))
         for p in paths
-        if p.suffix == ".py" and p.is_relative_to(ROOT) and ".venv" not in p.parts
+        if p.suffix == ".py" and p.is_relative_to(ROOT) and "site-packages" not in p.parts
     }
 
 

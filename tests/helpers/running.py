@@ -20,8 +20,8 @@ from tests.helpers.waiting import alive, wait_until
 __all__ = ["LONG", "Running", "assert_readable", "command", "gone"]
 
 SCRIPT = ROOT / "deploy" / "run_local.py"
-LONG = ("--duration", 3000, "--robots", 3)
-"""Too few robots to finish, and more time than any test takes."""
+LONG = ("--duration", 100_000, "--robots", 3, "--radius", 8)
+"""Too short a radius to finish, and more time than any test takes."""
 
 
 def command(*arguments: object) -> list[str]:

@@ -112,9 +112,9 @@ import json, sys
 from pathlib import Path
 from deploy.emulation import Emulation
 
-run = Emulation("three_cells", Path(sys.argv[1]), robots=3, duration_s=3000.0)
+run = Emulation("three_cells", Path(sys.argv[1]), robots=3, radius_m=8.0, duration_s=100_000.0)
 print(json.dumps(run.pids), flush=True)
-run.wait_for(3000.0, 3000.0)
+run.wait_for(100_000.0, 3000.0)
 """
 
 
@@ -139,7 +139,7 @@ plot = "search_time"
 robots = 3
 duration_s = 90000.0
 [axes]
-radius_m = [20.0]
+radius_m = [8.0]
 seed = "1..2"
 """
 
