@@ -52,35 +52,37 @@ class Medium:
         self._record(positions, transmissions)
         power, heard = self._propagation.received(positions.nodes, positions.xy_m, positions.tick)
         self._jam(positions, heard)
-        lost = self._chances(positions)
         inboxes: dict[int, list[Reception]] = {node: [] for node in ids if node in transmissions}
-        for src, levels, hears, losses in zip(ids, power.tolist(), heard.tolist(), lost.tolist(), strict=True):
-            if src not in inboxes:
-                continue
-            listeners = {
-                node: (level, loss)
-                for node, level, hear, loss in zip(ids, levels, hears, losses, strict=True)
-                if hear and (len(inboxes) == len(ids) or node in inboxes)
-            }
-            for frame in self._sent(src, transmissions[src].frames):
-                self._deliver(src, frame, listeners, inboxes)
+        there = np.array([node in inboxes for node in ids], np.bool_)
+        links = self._links(positions, power, heard & there[:, None] & there)
+        for src, listeners in zip(ids, links, strict=True):
+            if src in inboxes:
+                for frame in self._sent(src, transmissions[src].frames):
+                    self._deliver(src, frame, listeners, inboxes)
         self._airtime.refill(ids, heard)
         told, tick = self._airtime.told, positions.tick + 1
         return {node: Inbox(tick, tuple(heard_frames), *told(node)) for node, heard_frames in inboxes.items()}
 
-    def _chances(self, positions: Positions) -> NDArray[np.float64]:
-        """(n, n) probability that a frame is lost between two nodes: by the radio, a burst or a fault."""
+    def _links(
+        self, positions: Positions, power: NDArray[np.float64], heard: NDArray[np.bool_]
+    ) -> list[list[tuple[int, float, float]]]:
+        """By sender, in the order of the roster: (node, power there, chance that a frame is lost) of who hears it."""
+        senders, receivers = np.nonzero(heard)
         nodes, radio = positions.nodes, self._config.radio
-        kept = np.full((len(nodes), len(nodes)), (1.0 - radio.loss) * (1.0 - positions.loss))
+        kept = np.full(len(senders), (1.0 - radio.loss) * (1.0 - positions.loss))
         if self._bursts is not None:
-            kept[self._bursts.bad(positions.tick)[np.ix_(nodes, nodes)]] *= 1.0 - radio.burst_loss
-        return 1.0 - kept
+            bad = self._bursts.bad(positions.tick)[nodes[senders], nodes[receivers]]
+            kept[bad] *= 1.0 - radio.burst_loss
+        listeners = nodes[receivers].tolist(), power[senders, receivers].tolist(), (1.0 - kept).tolist()
+        links = list(zip(*listeners, strict=True))
+        ends = np.cumsum(np.bincount(senders, minlength=len(nodes))).tolist()
+        return [links[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
     def _deliver(
         self,
         src: int,
         frame: Frame,
-        listeners: dict[int, tuple[float, float]],
+        listeners: list[tuple[int, float, float]],
         inboxes: dict[int, list[Reception]],
     ) -> None:
         """Put a frame into the inboxes of those it is for.
@@ -88,14 +90,12 @@ class Medium:
         Args:
             src: who sent it.
             frame: as sent.
-            listeners: by node, ascending: power there, and the chance that the frame is lost.
+            listeners: (node, power there, chance that the frame is lost), ascending by node.
             inboxes: by node.
         """
         dst, payload = frame
-        if dst != BROADCAST:
-            listeners = {dst: listeners[dst]} if dst in listeners else {}
-        for node, (level, loss) in listeners.items():
-            if loss == 0.0 or self._random.random() >= loss:
+        for node, level, loss in listeners:
+            if dst in (BROADCAST, node) and (loss == 0.0 or self._random.random() >= loss):
                 inboxes[node].append((src, level, payload))
                 self.delivered += 1
 
