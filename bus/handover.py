@@ -18,12 +18,15 @@ import numpy as np
 from bus.access import Login
 from bus.excerpt import shown
 from bus.keys import check_run
+from bus.user_file import read_text
 
 __all__ = ["UNFIT", "Handover", "build", "plain", "read", "write"]
 
 UNFIT: Final = (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 """What a file that is no such file may lead to."""
 
+_MOST_BYTES: Final = 2**30
+"""As many as the largest map takes, with room."""
 _KINDS: Final = {int: "whole number", str: "text", bool: "true or false"}
 
 
@@ -49,7 +52,7 @@ def read(path: Path, *, connect: str | None = None) -> Handover:
         ValueError: the file is missing or is no such file; the message is fit for a user.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(read_text(path, _MOST_BYTES))
         login = build(Login, content.pop("login"))
         check_run(login.run)
     except UNFIT as error:

@@ -68,6 +68,8 @@ class Mailbox:
         """By key: samples that `put_bounded` took and nobody has taken out."""
         self.excess: dict[str, int] = {}
         """By muted key: how many samples were dropped."""
+        self._told: set[str] = set()
+        """Muted keys that `floods` has told."""
 
     def put_bounded(self, sample: Any) -> None:
         """Put a sample of Zenoh's from a sender that may flood this mailbox.
@@ -89,8 +91,17 @@ class Mailbox:
         """Drop what comes on `key` from now on, and count it in `excess`."""
         self.excess.setdefault(key, 0)
 
+    def floods(self) -> list[str]:
+        """Keys, ascending, that are muted and were not when this was asked last."""
+        if len(self.excess) == len(self._told):
+            return []
+        new = sorted(self.excess.keys() - self._told)
+        self._told.update(new)
+        return new
+
     def pardon(self, key: str) -> int:
         """Take what comes on `key` again; returns how many samples were dropped."""
+        self._told.discard(key)
         return self.excess.pop(key, 0)
 
     def get(self, timeout_s: float) -> Message | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.excerpt import shown
-from world.user_file import read_text
+from bus.user_file import read_text
 
 __all__ = ["read_object"]
 

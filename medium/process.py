@@ -151,8 +151,8 @@ class Shell:
             self._malformed.drop(f"message on {key}", error)
             if key in self._nodes:
                 self._strayed(key)
-        if len(self._mailbox.excess) > len(self._floods):
-            self._flooded()
+        for flooded in self._mailbox.floods():
+            self._flooded(flooded)
         self._phases.mark("decode")
         return True
 
@@ -163,12 +163,11 @@ class Shell:
         if count > _MOST_STRAY + self._gather.tick:
             self._mailbox.mute(key)
 
-    def _flooded(self) -> None:
-        """Name to the world the nodes that the mailbox does not hear any more."""
-        for key in self._mailbox.excess.keys() - self._floods.keys():
-            node = self._floods[key] = self._session.keys.node_of(key)
-            log.warning("%s floods the medium: it is not heard any more", node_name(node))
-            self._put_flood(Flood(node).encode())
+    def _flooded(self, key: str) -> None:
+        """Name to the world a node that the mailbox does not hear any more."""
+        node = self._floods[key] = self._session.keys.node_of(key)
+        log.warning("%s floods the medium: it is not heard any more", node_name(node))
+        self._put_flood(Flood(node).encode())
 
     def _link_cut(self, node: int) -> None:
         """A link is cut: a process that takes nothing stood in the way of the turns of `node`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from bus.excerpt import shown
-from world.user_file import read_start
+from bus.user_file import read_start
 
 __all__ = ["ForeignFileError", "require_own", "write_whole"]
 

@@ -69,8 +69,6 @@ class Shell:
         # Who is there.
         self._nodes = range(config.robots + 1)
         self._attendance = Attendance()
-        self._floods: set[str] = set()
-        """Keys of nodes whose beats are not heard any more."""
         self._medium_tokens: set[str] = set()
         self._medium_lost = False
         # The tick under way.
@@ -258,10 +256,8 @@ class Shell:
             self._take(message)
         except WireError as error:
             self._malformed.drop(f"message on {message[0]}", error)
-        if len(self._mailbox.excess) > len(self._floods):
-            for key in self._mailbox.excess.keys() - self._floods:
-                self._floods.add(key)
-                self._flooded(self._session.keys.node_of(key))
+        for key in self._mailbox.floods():
+            self._flooded(self._session.keys.node_of(key))
         self._phases.mark("decode")
         if self._medium_lost:
             raise RunError("the medium is gone")
@@ -305,6 +301,9 @@ class Shell:
         elif present:
             if not self._attendance.came(node, incarnation):
                 self._refuse(node, incarnation)
+            elif (beats := self._session.keys.beat(node)) in self._mailbox.excess:
+                self._malformed.count += self._mailbox.pardon(beats)
+                self._silence.pardon(node)
         elif self._attendance.left(node, incarnation):
             self._leave(node, DIED, incarnation)
 

@@ -95,6 +95,10 @@ class Silence:
         beats = self._beats[node] = self._beats.get(node, 0) + 1
         return beats < _MOST_BEATS + _MOST_BEATS_PER_S * (self._now_s() - self._begun_s)
 
+    def pardon(self, node: int) -> None:
+        """A new process of `node` came: the beats of the ones before do not count."""
+        self._beats.pop(node, None)
+
     def given_up(self, missing: Collection[int], *, interrupted: bool) -> list[tuple[int, str]]:
         """(node, cause) of each that is to be given up, ascending; to be asked in every slice of a wait for nodes.
 

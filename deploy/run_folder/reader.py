@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.excerpt import shown
+from bus.user_file import read_text
 from deploy.json_file import read_object
 from deploy.run_folder.metrics import RATE
 from deploy.scenario import Scenario, ScenarioError, load
 from world.grid import GridGeometry
 from world.grid.map_file import read_map
-from world.user_file import read_text
 
 __all__ = ["MergedMap", "Run", "RunFilesError", "read_run"]
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.excerpt import shown
+from bus.user_file import read_text
 from deploy.scenario.name import name_of
 from deploy.scenario.tables import ScenarioError, nearest
-from world.user_file import read_text
 
 __all__ = ["located", "names", "parse_set", "read_source", "read_toml"]
 

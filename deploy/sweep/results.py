@@ -17,13 +17,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bus.excerpt import shown
+from bus.user_file import read_bytes, read_text
 from deploy.json_file import read_object
 from deploy.run_folder.claim import explained, refuse_foreign, take_lock
 from deploy.sweep.plan import Point
 from deploy.sweep.row import Finished
 from deploy.sweep.statistics import usable
 from world.own_file import write_whole
-from world.user_file import read_bytes, read_text
 
 __all__ = ["WALL_COLUMNS", "Results", "ResultsError", "differences"]
 

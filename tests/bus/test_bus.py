@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import random
 from pathlib import Path
 
@@ -228,6 +229,17 @@ def test_configuration_survives_a_file(tmp_path: Path) -> None:
     assert handover.login.password == login.password
     assert handover.login.endpoint == "tcp/10.0.0.1:1"
     assert build(RobotConfig, handover.entries["config"]) == _robot_config()
+
+
+def test_credentials_in_a_pipe_or_a_folder_are_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path, what in (
+        (tmp_path / "pipe", "a pipe or a device"),
+        (tmp_path, "a folder"),
+        (tmp_path / "x", "No such file"),
+    ):
+        with pytest.raises(ValueError, match=f"is no credentials file: .*{what}"):
+            read(path)
 
 
 def test_arrays_and_faults_survive_json() -> None:

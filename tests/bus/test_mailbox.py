@@ -111,12 +111,15 @@ def test_a_key_of_which_too_much_waits_is_muted_until_it_is_pardoned() -> None:
     assert emptied(mailbox) == [("tx/4", b"flood")] * MOST_WAITING + [("tx/3", b"honest")]
     mailbox.put_bounded(flood)
     assert emptied(mailbox) == [], "nothing waits any more, but it is muted"
+    assert (mailbox.floods(), mailbox.floods()) == (["tx/4"], [])
     assert mailbox.pardon("tx/4") == MOST_WAITING + 1
     mailbox.put_bounded(flood)
     assert emptied(mailbox) == [("tx/4", b"flood")]
     mailbox.mute("tx/3")
     mailbox.put_bounded(honest)
     assert (emptied(mailbox), mailbox.excess) == ([], {"tx/3": 1})
+    mailbox.mute("tx/4")
+    assert mailbox.floods() == ["tx/3", "tx/4"], "a pardoned one is told again"
 
 
 def test_an_honest_sender_may_put_any_number_if_they_are_taken_out() -> None:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from bus.excerpt import shown
+from bus.user_file import read_bytes
 from world.grid.geometry import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridGeometry
 from world.grid.map_header import FREE_THRESH, OCCUPIED_THRESH, MapHeader, read_header
 from world.own_file import write_whole
-from world.user_file import read_bytes
 
 __all__ = ["digest_of_map", "load_map", "read_map", "save_map"]
 

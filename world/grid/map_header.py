@@ -16,8 +16,8 @@ import yaml
 from numpy.typing import NDArray
 
 from bus.excerpt import shown
+from bus.user_file import read_text
 from world.grid.geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry, check_grid
-from world.user_file import read_text
 
 __all__ = ["FREE_THRESH", "OCCUPIED_THRESH", "MapHeader", "read_header"]
 
