@@ -1,6 +1,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+BLOCK: int
+
 def met(
     rows: int,
     cols: int,
@@ -28,6 +30,7 @@ def unreached(
 ) -> NDArray[np.int64]: ...
 def passed(
     scores: NDArray[np.int32],
+    opened: NDArray[np.uint8],
     rows: int,
     cols: int,
     resolution_m: float,
@@ -35,9 +38,6 @@ def passed(
     y0_m: float,
     x_m: float,
     y_m: float,
-    index: int,
-    d_row: NDArray[np.int64],
-    d_col: NDArray[np.int64],
     ranges_m: NDArray[np.float64],
     beams_per_radian: float,
     hit: NDArray[np.int64],
@@ -49,6 +49,8 @@ def passed(
 def weigh(
     scores: NDArray[np.int32],
     states: NDArray[np.int8],
+    opened: NDArray[np.uint8],
+    cols: int,
     which: NDArray[np.int64],
     evidence: int,
     worth: int,
@@ -57,6 +59,8 @@ def weigh(
 def forget(
     scores: NDArray[np.int32],
     states: NDArray[np.int8],
+    opened: NDArray[np.uint8],
+    cols: int,
     which: NDArray[np.uint32],
     values: NDArray[np.int8],
     miss: int,
@@ -76,11 +80,10 @@ def apply(
     odds: NDArray[np.int8],
     scores: NDArray[np.int32],
     states: NDArray[np.int8],
+    opened: NDArray[np.uint8],
+    cols: int,
     theirs: NDArray[np.uint32],
     values: NDArray[np.int8],
     worth: int,
 ) -> tuple[NDArray[np.int64], int]: ...
 def carry_out(odds: NDArray[np.int8], changed: NDArray[np.uint32], values: NDArray[np.int8], settled: int) -> bool: ...
-def is_frontier(cells: NDArray[np.int8], cols: int, index: int) -> bool: ...
-def obstacles(cells: NDArray[np.int8], cols: int, u0: float, v0: float, du: float, dv: float) -> int: ...
-def newly_free(changed: NDArray[np.int64], cells: NDArray[np.int8], known: NDArray[np.uint8]) -> NDArray[np.int64]: ...

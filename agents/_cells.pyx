@@ -1,15 +1,27 @@
 # cython: language_level=3
-"""Loops over the cells of maps: what a scan shows, what it is worth as evidence, states from elsewhere, and lines.
+"""Loops over the cells of maps: what a scan shows, what it is worth as evidence, and states from elsewhere.
 
 The same operations on the same doubles in the same order on every processor: never fused (`-ffp-contract=off`, no
-`-march`; setup.py). Cells from a peer are checked here (`carry_out`, `apply`), segments by the caller
-(`OwnMap.obstacles`). What scores, odds and states are stands in agents/evidence.py.
+`-march`; setup.py). Cells from a peer are checked here (`carry_out`, `apply`). What scores, odds and states are stands
+in agents/evidence.py.
+
+A scan costs what it shows, not what it covers: `passed` leaves out blocks of cells of which it knows that none counts.
+A block is *open* unless a scan found that no miss of any of its cells would count; who changes a score opens its block.
 """
 
-from libc.math cimport atan2, ceil, floor, hypot, rint
+from libc.math cimport INFINITY, M_PI, atan2, ceil, floor, hypot, rint
 from libc.stdint cimport int8_t, int32_t, int64_t, uint32_t
 
 import numpy as np
+
+BLOCK = 8
+"""Rows and columns of a block."""
+cdef enum:
+    SIDE = 8  # the same
+
+
+cdef inline void open_block(unsigned char[:, ::1] opened, int64_t cell, Py_ssize_t cols) noexcept nogil:
+    opened[cell // cols // SIDE, cell % cols // SIDE] = 1
 
 
 cdef inline int64_t odds_of(int64_t score, int64_t worth, int64_t settled) noexcept nogil:
@@ -119,8 +131,33 @@ def unreached(
             found += 1
     return out[:found]
 
+cdef void bounds(
+    double dx, double dy, double radius_m, const double[::1] ranges_m, double beams_per_radian,
+    double* least_m, double* most_m,
+) noexcept nogil:
+    """The least and the most range of the beams that may be beside a place within a circle around (dx, dy)."""
+    cdef double away_m = hypot(dx, dy), toward, spread
+    cdef int64_t beams = ranges_m.shape[0], beam, first, count, k
+    least_m[0] = 0.0
+    most_m[0] = INFINITY
+    if away_m <= radius_m:
+        return
+    toward = atan2(dy, dx) * beams_per_radian
+    # asin(s) <= pi / 2 s; and two beams more on each side, because of rounding and for the second beam beside a place.
+    spread = 0.5 * M_PI * radius_m / away_m * beams_per_radian + 2.0
+    first = <int64_t>floor(toward - spread)
+    count = min(<int64_t>ceil(toward + spread) - first + 1, beams)
+    beam = (first % beams + beams) % beams
+    least_m[0] = most_m[0] = ranges_m[beam]
+    for k in range(1, count):
+        beam = beam + 1 if beam + 1 < beams else 0
+        least_m[0] = min(least_m[0], ranges_m[beam])
+        most_m[0] = max(most_m[0], ranges_m[beam])
+
+
 def passed(
     const int32_t[::1] scores,
+    unsigned char[:, ::1] opened,
     Py_ssize_t rows,
     Py_ssize_t cols,
     double resolution_m,
@@ -128,9 +165,6 @@ def passed(
     double y0_m,
     double x_m,
     double y_m,
-    Py_ssize_t index,
-    const int64_t[::1] d_row,
-    const int64_t[::1] d_col,
     const double[::1] ranges_m,
     double beams_per_radian,
     const int64_t[::1] hit,
@@ -139,35 +173,56 @@ def passed(
     int64_t worth,
     int64_t settled,
 ):
-    """Cells (int64) that a scan from the cell `index` shows to be free, if that counts; (d_row, d_col) are in range.
+    """Cells (int64), ascending, that a scan shows to be free, if that counts. `opened` are the blocks.
 
     A cell is free if its center is nearer than the range of the beam that points at it (Thrun, Burgard & Fox,
     Probabilistic Robotics, table 9.2), or of `both` beams beside it, and it is none of those, ascending, that were hit.
     """
-    cdef Py_ssize_t n = d_row.shape[0], k, row, col, found = 0
-    cdef Py_ssize_t at_row = index // cols, at_col = index % cols
+    cdef double far = 0.0, radius_m = 0.75 * SIDE * resolution_m, dx, dy, away_m, least_m, most_m
+    cdef Py_ssize_t k, row, col, band, block, first_band, end_band, first_block, end_block, looked, found = 0
     cdef int64_t cell
-    out = np.empty(n, np.int64)
-    cdef int64_t[::1] free = out
+    for k in range(ranges_m.shape[0]):
+        far = max(far, ranges_m[k])
+    first_band = max(0, <Py_ssize_t>floor((y_m - far - y0_m) / resolution_m)) // SIDE
+    end_band = min(opened.shape[0], <Py_ssize_t>floor((y_m + far - y0_m) / resolution_m) // SIDE + 1)
+    first_block = max(0, <Py_ssize_t>floor((x_m - far - x0_m) / resolution_m)) // SIDE
+    end_block = min(opened.shape[1], <Py_ssize_t>floor((x_m + far - x0_m) / resolution_m) // SIDE + 1)
+    out = np.empty(max(0, end_band - first_band) * max(0, end_block - first_block) * SIDE * SIDE, np.int64)
+    look, sure, open_cells = (np.empty(opened.shape[1], np.int64) for _ in range(3))
+    cdef int64_t[::1] free = out, blocks = look, surely = sure, still_open = open_cells
     with nogil:
-        for k in range(n):
-            row = at_row + d_row[k]
-            col = at_col + d_col[k]
-            if row < 0 or row >= rows or col < 0 or col >= cols:
-                continue
-            cell = row * cols + col
-            if not counts(scores[cell], -miss, worth, settled):
-                continue  # most cells are settled, and this is the cheapest question
-            if farther(
-                row, col, resolution_m, x0_m, y0_m, x_m, y_m, ranges_m, beams_per_radian, both
-            ) > both and not holds(hit, cell):
-                free[found] = cell
-                found += 1
+        for band in range(first_band, end_band):
+            looked = 0
+            dy = y0_m + (<double>band + 0.5) * SIDE * resolution_m - y_m
+            for block in range(first_block, end_block):
+                if opened[band, block]:
+                    dx = x0_m + (<double>block + 0.5) * SIDE * resolution_m - x_m
+                    bounds(dx, dy, radius_m, ranges_m, beams_per_radian, &least_m, &most_m)
+                    away_m = hypot(dx, dy)
+                    if away_m - radius_m < most_m:
+                        blocks[looked] = block
+                        surely[looked] = away_m + radius_m < least_m
+                        still_open[looked] = 0
+                        looked += 1
+            for row in range(band * SIDE, min((band + 1) * SIDE, rows)):
+                for k in range(looked):
+                    for col in range(blocks[k] * SIDE, min((blocks[k] + 1) * SIDE, cols)):
+                        cell = row * cols + col
+                        if not counts(scores[cell], -miss, worth, settled):
+                            continue  # most cells are settled, and this is the cheapest question
+                        still_open[k] = 1
+                        if (surely[k] or farther(
+                            row, col, resolution_m, x0_m, y0_m, x_m, y_m, ranges_m, beams_per_radian, both
+                        ) > both) and not holds(hit, cell):
+                            free[found] = cell
+                            found += 1
+            for k in range(looked):
+                opened[band, blocks[k]] = still_open[k]
     return out[:found]
 
 def weigh(
-    int32_t[::1] scores, signed char[::1] states, const int64_t[::1] which, int64_t evidence, int64_t worth,
-    int64_t settled,
+    int32_t[::1] scores, signed char[::1] states, unsigned char[:, ::1] opened, Py_ssize_t cols,
+    const int64_t[::1] which, int64_t evidence, int64_t worth, int64_t settled,
 ):
     """Add evidence to the scores of cells, where it counts.
 
@@ -182,6 +237,7 @@ def weigh(
         cell = which[k]
         if counts(scores[cell], evidence, worth, settled):
             scores[cell] += <int32_t>evidence
+            open_block(opened, cell, cols)
             where[counted] = cell
             counted += 1
             if turn(states, cell, scores[cell], &lost):
@@ -190,8 +246,8 @@ def weigh(
     return out[:counted], changed[:turned], lost
 
 def forget(
-    int32_t[::1] scores, signed char[::1] states, const uint32_t[::1] which, const int8_t[::1] values, int64_t miss,
-    int64_t worth,
+    int32_t[::1] scores, signed char[::1] states, unsigned char[:, ::1] opened, Py_ssize_t cols,
+    const uint32_t[::1] which, const int8_t[::1] values, int64_t miss, int64_t worth,
 ):
     """Take the evidence of a report back from the scores.
 
@@ -205,6 +261,7 @@ def forget(
     for k in range(n):
         cell = which[k]
         scores[cell] -= <int32_t>(worth if values[k] else -miss)
+        open_block(opened, cell, cols)
         if turn(states, cell, scores[cell], &lost):
             new[turned] = cell
             turned += 1
@@ -234,8 +291,8 @@ def tally(
     return out[:found]
 
 def apply(
-    int8_t[::1] odds, int32_t[::1] scores, signed char[::1] states, const uint32_t[::1] theirs,
-    const int8_t[::1] values, int64_t worth,
+    int8_t[::1] odds, int32_t[::1] scores, signed char[::1] states, unsigned char[:, ::1] opened, Py_ssize_t cols,
+    const uint32_t[::1] theirs, const int8_t[::1] values, int64_t worth,
 ):
     """Replace the odds that the MS gave to cells.
 
@@ -256,6 +313,7 @@ def apply(
         cell = theirs[k]
         scores[cell] += <int32_t>(score_of(values[k], worth) - score_of(odds[cell], worth))
         odds[cell] = values[k]
+        open_block(opened, cell, cols)
         if turn(states, cell, scores[cell], &lost):
             changed[found] = cell
             found += 1
@@ -283,60 +341,6 @@ def carry_out(int8_t[::1] odds, const uint32_t[::1] changed, const int8_t[::1] v
         for k in range(done - 1, -1, -1):
             odds[changed[k]] = before[k]
     return done == n
-
-def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
-    """Whether a cell is known free and one of its four neighbors unknown; what is outside counts as known."""
-    cdef Py_ssize_t col = index % cols
-    return cells[index] == 0 and (
-        (col > 0 and cells[index - 1] == -1)
-        or (col < cols - 1 and cells[index + 1] == -1)
-        or (index >= cols and cells[index - cols] == -1)
-        or (index + cols < cells.shape[0] and cells[index + cols] == -1)
-    )
-
-def obstacles(const signed char[::1] cells, Py_ssize_t cols, double u0, double v0, double du, double dv):
-    """Contiguous runs of cells that are not free on a segment inside the grid, in units of cells."""
-    cdef double u1 = u0 + du, v1 = v0 + dv
-    cdef double u_low = floor(min(u0, u1)) + 1.0, v_low = floor(min(v0, v1)) + 1.0
-    cdef Py_ssize_t u_lines = max(0, <Py_ssize_t>(ceil(max(u0, u1)) - u_low))
-    cdef Py_ssize_t v_lines = max(0, <Py_ssize_t>(ceil(max(v0, v1)) - v_low))
-    cdef Py_ssize_t i = 0, j = 0, k, runs = 0
-    cdef double before = 0.0, t, t_u, t_v, middle
-    cdef bint solid, in_run = False
-    # Crossings of either axis come in order; merging them sorts all.
-    for k in range(u_lines + v_lines + 1):
-        t_u = 2.0
-        t_v = 2.0
-        if i < u_lines:
-            t_u = ((u_low + <double>(i if du > 0 else u_lines - 1 - i)) - u0) / du
-        if j < v_lines:
-            t_v = ((v_low + <double>(j if dv > 0 else v_lines - 1 - j)) - v0) / dv
-        if i < u_lines and t_u <= t_v:
-            t = t_u
-            i += 1
-        elif j < v_lines:
-            t = t_v
-            j += 1
-        else:
-            t = 1.0
-        middle = 0.5 * (t + before)
-        solid = cells[<Py_ssize_t>(v0 + middle * dv) * cols + <Py_ssize_t>(u0 + middle * du)] != 0
-        runs += solid and not in_run
-        in_run = solid
-        before = t
-    return runs
-
-def newly_free(const int64_t[::1] changed, const signed char[::1] cells, unsigned char[::1] known):
-    """The changed cells (int64) that are free and not marked in `known`; marks them."""
-    cdef Py_ssize_t n = changed.shape[0], k, found = 0
-    out = np.empty(n, np.int64)
-    cdef int64_t[::1] new = out
-    for k in range(n):
-        if cells[changed[k]] == 0 and not known[changed[k]]:
-            known[changed[k]] = 1
-            new[found] = changed[k]
-            found += 1
-    return out[:found]
 
 
 include "../bus/built.pxi"

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import _cells
+from agents import _cells, _floor
 from agents.config import RobotConfig
 from agents.evidence import SCANS_OF_A_PLACE, SensorModel
 from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -43,16 +43,14 @@ class OwnMap:
         self._beams_per_radian = config.lidar_beams / (2.0 * math.pi)
         angles = 2.0 * math.pi * np.arange(config.lidar_beams) / config.lidar_beams
         self._cos, self._sin = np.cos(angles), np.sin(angles)
-        reach = math.ceil(config.lidar_range_m / self.geometry.resolution_m) + 1
-        steps = np.arange(-reach, reach + 1)
-        d_row, d_col = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
-        near = np.hypot(d_row, d_col) * self.geometry.resolution_m <= config.lidar_range_m + self.geometry.resolution_m
-        self._d_row, self._d_col = d_row[near], d_col[near]
         self.cells = self.geometry.blank(config.safety_zone_m)
         self._odds = self._sensors.first_odds()
         """Of each cell, as the MS has told."""
         self._scores: NDArray[np.int32] = self._odds.astype(np.int32)
         """Of each cell, by those odds and the own reports that they do not contain."""
+        blocks = [math.ceil(n / _cells.BLOCK) for n in (self.geometry.rows, self.geometry.cols)]
+        self._opened = np.ones(blocks, np.uint8)
+        """Of each block of cells, whether a miss of any of them may count."""
         self._place_m = (0.0, 0.0)
         """Where the robot has been scanning since it last moved on ..."""
         self._scans_here = 0
@@ -101,8 +99,8 @@ class OwnMap:
         """Cells, besides those that it hit, that a scan shows to be free, where that counts."""
         g = self.geometry
         return _cells.passed(
-            self._scores, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m, g.index(x_m, y_m),
-            self._d_row, self._d_col, ranges_m, self._beams_per_radian, hit, not self._sensors.exact,
+            self._scores, self._opened, g.rows, g.cols, g.resolution_m, g.x0_m, g.y0_m, x_m, y_m,
+            ranges_m, self._beams_per_radian, hit, not self._sensors.exact,
             self._sensors.miss, self._sensors.worth, self._sensors.settled,
         )  # fmt: skip
 
@@ -123,8 +121,9 @@ class OwnMap:
     def _weigh(self, cells: NDArray[np.int64], evidence: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Add evidence where it counts; returns the cells where it did, and those whose state changed."""
         counted, changed, lost = _cells.weigh(
-            self._scores, self.cells, cells, evidence, self._sensors.worth, self._sensors.settled
-        )
+            self._scores, self.cells, self._opened, self.geometry.cols,
+            cells, evidence, self._sensors.worth, self._sensors.settled,
+        )  # fmt: skip
         self._note(changed, lost)
         return counted, changed
 
@@ -134,11 +133,18 @@ class OwnMap:
         Raises:
             IndexError: a cell lies outside the grid.
         """
-        self._note(*_cells.apply(self._odds, self._scores, self.cells, cells, odds, self._sensors.worth))
+        changed = _cells.apply(
+            self._odds, self._scores, self.cells, self._opened, self.geometry.cols, cells, odds, self._sensors.worth
+        )
+        self._note(*changed)
 
     def forget(self, cells: NDArray[np.uint32], values: NDArray[np.int8]) -> None:
         """Drop the evidence of an own report, since the MS's odds contain it."""
-        self._note(*_cells.forget(self._scores, self.cells, cells, values, self._sensors.miss, self._sensors.worth))
+        changed = _cells.forget(
+            self._scores, self.cells, self._opened, self.geometry.cols,
+            cells, values, self._sensors.miss, self._sensors.worth,
+        )  # fmt: skip
+        self._note(*changed)
 
     def _note(self, changed: NDArray[np.int64], lost: int) -> None:
         """Note the cells whose state changed, and how many of them are known to be free no longer."""
@@ -154,7 +160,7 @@ class OwnMap:
 
     def is_frontier(self, index: int) -> bool:
         """Whether a cell is known free and one of its four neighbors unknown; outside of the grid counts as known."""
-        return _cells.is_frontier(self.cells, self.geometry.cols, index)
+        return _floor.is_frontier(self.cells, self.geometry.cols, index)
 
     def frontiers(self) -> NDArray[np.int64]:
         """Flat indices, ascending, of all frontier cells."""
@@ -175,4 +181,4 @@ class OwnMap:
         # A peer may announce any location, and noise may put a robot outside of the grid.
         if not (0.0 <= u0 < g.cols and 0.0 <= v0 < g.rows and 0.0 <= u0 + du < g.cols and 0.0 <= v0 + dv < g.rows):
             return 1
-        return _cells.obstacles(self.cells, g.cols, u0, v0, du, dv)
+        return _floor.obstacles(self.cells, g.cols, u0, v0, du, dv)

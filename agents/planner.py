@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import _cells, _search
+from agents import _floor, _search
 from agents.found_bodies import Found
 from agents.own_map import OwnMap
 from world.grid import FREE, OCCUPIED, GridGeometry
@@ -211,7 +211,7 @@ class Planner:
         changed, self._seen = self._map.changes(self._seen)
         if not changed.size:
             return
-        new = _cells.newly_free(changed, self._map.cells, self._known)
+        new = _floor.newly_free(changed, self._map.cells, self._known)
         if new.size:
             new.sort()
             self._discovered.append(new)

@@ -16,6 +16,7 @@ __all__ = ["LOOPS", "ROOT", "StaleLoopsError", "built_from", "check", "complaint
 ROOT: Final = Path(__file__).resolve().parent.parent
 LOOPS: Final = (
     "agents._cells",
+    "agents._floor",
     "agents._rows",
     "agents._search",
     "medium._receptions",

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import _cells
+from agents import _floor
 from agents.own_map import frontiers
 from agents.planner import reach_over
 from world.grid import FREE, GridGeometry
@@ -36,7 +36,7 @@ class Exhaustion:
 
     def step(self, tick: int, states: NDArray[np.int8]) -> bool:
         """Whether the search is exhausted at a tick, by the states of all cells (size,)."""
-        if self._frontier >= 0 and _cells.is_frontier(states, self._geometry.cols, self._frontier):
+        if self._frontier >= 0 and _floor.is_frontier(states, self._geometry.cols, self._frontier):
             return False
         if tick - self._looked_tick >= _LOOK_TICKS:
             self._looked_tick = tick

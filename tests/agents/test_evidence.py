@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -59,6 +60,36 @@ def test_exact_scans_of_a_place_report_nothing_twice() -> None:
     assert len(cells) == len(set(cells.tolist()))
     assert discovered == np.count_nonzero(values == FREE) > 100
     assert [len(part) for part in own.integrate(2.0, 2.0, ranges)[:2]] == [0, 0]
+
+
+def _hit_again(own: OwnMap, cell: int) -> None:
+    own._weigh(np.array([cell], np.int64), own._sensors.worth)
+
+
+def _told(own: OwnMap, cell: int) -> None:
+    own.apply(np.array([cell], np.uint32), np.ones(1, np.int8))
+
+
+def _forgotten(own: OwnMap, cell: int) -> None:
+    own.forget(np.array([cell], np.uint32), np.full(1, FREE, np.int8))
+
+
+@pytest.mark.parametrize("contradict", [_hit_again, _told, _forgotten])
+def test_scans_look_again_at_a_settled_place_where_a_score_changed(contradict: Callable[[OwnMap, int], None]) -> None:
+    own, cell, x_m = OwnMap(config(0.5)), GEOMETRY.index(3.5, 2.5), 2.0
+    nothing_met = np.full(BEAMS, 3.0)
+
+    def scan() -> list[int]:
+        nonlocal x_m
+        x_m = 2.0 if x_m > 2.0 else 2.4
+        counted: list[int] = own.integrate(x_m, 2.5, nothing_met)[0].tolist()
+        return counted
+
+    while cell in scan():
+        pass
+    assert all(cell not in scan() for _ in range(3))
+    contradict(own, cell)
+    assert cell in scan()
 
 
 def test_a_noisy_robot_that_stands_still_does_not_repeat_itself() -> None:

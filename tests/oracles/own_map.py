@@ -65,13 +65,8 @@ class OracleMap(OwnMap):
     def _missed(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64], hit: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        g = self.geometry
-        at_row, at_col = divmod(g.index(x_m, y_m), g.cols)
-        rows, cols = at_row + self._d_row, at_col + self._d_col
-        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        around: NDArray[np.int64] = rows[inside] * g.cols + cols[inside]
-        score = self._score()[around]
-        cells = around[self._read(score - self._sensors.miss) != self._read(score)]
+        score = self._score()
+        cells = np.flatnonzero(self._read(score - self._sensors.miss) != self._read(score))
         farther = self._farther(cells, x_m, y_m, ranges_m)
         seen = farther[0] if self._sensors.exact else farther.all(axis=0)
         free: NDArray[np.int64] = cells[seen & ~np.isin(cells, hit)]
