@@ -60,6 +60,7 @@ def stall(explorer: Explorer, start: int, target: Place, at: Place = AT) -> int:
     tick = start
     while not explorer.stalled(tick, at, target, 20.0):
         tick += 1
+        assert tick < start + 1000
     return tick
 
 
@@ -72,8 +73,8 @@ def test_the_nearest_frontier_on_foot_is_the_best_if_nobody_else_is_there() -> N
 
 
 def test_what_another_search_robot_has_announced_is_worth_less_the_nearer_it_is() -> None:
-    """At 3.5 m on foot and 5 m away from the target of another one it is worth 20 x 5/8 m; a free one 20 m."""
-    for gap_m, first in ((1.0, False), (7.0, True)):
+    """At 3.5 m on foot and 5 m away from the target of another one it scores 20 x 5/8 - 3.5 m; a free one 20 - 7 m."""
+    for gap_m, first in ((1.0, False), (5.0, False), (7.0, True)):
         explorer = corridor(14.0, 2.0)
         near = (13.75, 3.25)
         others = np.array([(near[0] + gap_m, 3.25)])
@@ -159,6 +160,7 @@ def test_a_taboo_is_twice_as_long_for_each_earlier_stall_in_a_row_four_times_at_
         end = tick
         while explorer.is_taboo(end, FAR):
             end += 1
+            assert end < tick + 20_000
         lasted.append((end - tick) / 600)
         tick = end
     assert lasted == [1.0, 2.0, 4.0, 8.0, 16.0, 16.0, 16.0]

@@ -15,7 +15,7 @@ from agents.robot import Robot
 from agents.vds import Vds
 from medium.messages import BROADCAST, Inbox, Reception
 from tests.helpers.routing_field import power_dbm
-from world.grid import OCCUPIED, UNKNOWN, GridGeometry
+from world.grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from world.messages import Motion, Sense
 from world.terms import NOBODY, STATION, TICK_S, Cls, Place
 
@@ -27,6 +27,7 @@ RADIUS_M = 10.0
 """r_t; so r_in is 8 m, r_out 9 m, and rule c takes neighbors within 6.5 m."""
 BEAMS = 180
 RANGE_M = 8.0
+_MOST_TICKS = 3000
 
 
 def config_of(node: int, station_m: Place, rules: Rules) -> RobotConfig:
@@ -85,11 +86,18 @@ class Team:
 
     def see_wall(self, rectangle: Rectangle) -> None:
         """All robots come to know that what they do not know of a rectangle is wall."""
+        self._see(rectangle, 1, OCCUPIED)
+
+    def see_floor(self, rectangle: Rectangle) -> None:
+        """The same, and it is floor."""
+        self._see(rectangle, -1, FREE)
+
+    def _see(self, rectangle: Rectangle, odds: int, state: int) -> None:
         for robot in self.robots.values():
             cells = self.inside(rectangle)
             cells = cells[robot.body.map.cells[cells] == UNKNOWN]
-            robot.body.map.apply(cells.astype(np.uint32), np.full(len(cells), 1, np.int8))
-            assert (robot.body.map.cells[cells] == OCCUPIED).all()
+            robot.body.map.apply(cells.astype(np.uint32), np.full(len(cells), odds, np.int8))
+            assert (robot.body.map.cells[cells] == state).all()
 
     def policy(self, node: int) -> Vds:
         """What decides for a robot."""
@@ -113,6 +121,7 @@ class Team:
 
     def step(self, *, walking: Sequence[int] = ()) -> None:
         """One tick; robots that are not `walking` stay where they are, whatever they want."""
+        assert self.tick < _MOST_TICKS, "what the test waits for never comes"
         heard: dict[int, list[Reception]] = {node: [] for node in self._heard}
         for node in heard:
             if node == STATION:
