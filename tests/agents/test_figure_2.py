@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Mapping
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agents.config import Classing
 from agents.dsdv import Router
@@ -33,21 +36,25 @@ FIGURE_2 = {
 TICK = 10
 
 
-@pytest.fixture
-def robot_c() -> Router:
-    rng = random.Random(0)
-    router = Router(router_config(C, radius_m=60.0), rng, 0)
+def robot_called(name: Mapping[int, int], rng: random.Random) -> Router:
+    """Robot C after its neighbors' updates, where the robots have other ids, and rows come in any order."""
+    router = Router(router_config(name[C], radius_m=60.0), rng, 0)
     heard = []
     for node, (hops, nms) in HEARD.items():
-        other = Router(router_config(node), rng, 0)
-        for dst, hop in hops.items():
-            other.table.set_route(dst, freshness_of(2 * (TICK - 1 - hop), hop), dst)
-            other.table.set_inherent(dst, CLASS.get(dst, Cls.RR), LOCATION[dst], LOCATION[dst])
-        update = Update(nms, NOBODY, 0, other.table.advertised(), b"").encode()
-        heard.append((node, power_dbm(math.dist(LOCATION[node], LOCATION[C])), update))
-    router.step(TICK, heard)
+        other = Router(router_config(name[node]), rng, 0)
+        for dst, hop in rng.sample(sorted(hops.items()), len(hops)):
+            other.table.set_route(name[dst], freshness_of(2 * (TICK - 1 - hop), hop), name[dst])
+            other.table.set_inherent(name[dst], CLASS.get(dst, Cls.RR), LOCATION[dst], LOCATION[dst])
+        update = Update(name[nms], NOBODY, 0, other.table.advertised(), b"").encode()
+        heard.append((name[node], power_dbm(math.dist(LOCATION[node], LOCATION[C])), update))
+    router.step(TICK, sorted(heard))
     router.announce_self(TICK, LOCATION[C], Cls.RR, LOCATION[C])
     return router
+
+
+@pytest.fixture
+def robot_c() -> Router:
+    return robot_called({node: node for node in range(10)}, random.Random(0))
 
 
 def distance_to_ms(x_m: float, y_m: float) -> float:
@@ -78,6 +85,19 @@ def test_srrc_elements_are_as_printed(robot_c: Router) -> None:
 
 def test_c_is_a_relay_because_its_inv_is_not_empty(robot_c: Router) -> None:
     assert Classifier(Classing()).step(TICK, robot_c.neighbors.naming(C)) is Cls.RR
+
+
+@given(st.permutations(range(1, 10)), st.randoms(use_true_random=False))
+def test_no_element_depends_on_the_ids_or_on_the_order_of_rows(ids: list[int], rng: random.Random) -> None:
+    name = {MS: MS, **dict(zip(range(1, 10), ids, strict=True))}
+    router = robot_called(name, rng)
+    table = router.table
+    elements = {dst: (table.next_hop_to(name[dst]), table.hop(name[dst])) for dst in FIGURE_2}
+    assert elements == {dst: (name[hop], hops) for dst, (hop, hops) in FIGURE_2.items()}
+    assert router.inv == sorted([name[D], name[H]])
+    assert {dst: table.cls(name[dst]) for dst in CLASS} == CLASS
+    assert eligible_msrs(table, router.ms.nms) == sorted([name[E], name[I]])
+    assert select_msr(router, NOBODY, 2.0) == name[E]
 
 
 def test_e_and_i_are_left_by_rule_1(robot_c: Router) -> None:

@@ -66,6 +66,21 @@ def test_what_the_map_calls_wall_is_not_searched() -> None:
     assert (search.rates, search.searched) == ((0.75,), False)
 
 
+def test_the_search_time_is_when_all_of_the_area_is_scanned_and_not_a_cell_less() -> None:
+    search = search_of(("a", [*range(1000)]), ("b", [*range(1000, 1010)]), size=1010)
+    see(search, 10, dict.fromkeys(range(999), FREE))
+    assert search.search_time_s == [None, None]
+    see(search, 20, {999: FREE})
+    assert search.search_time_s == [2.0, None]
+    assert not search.searched
+    see(search, 30, {999: UNKNOWN, **dict.fromkeys(range(1000, 1010), FREE)})
+    assert search.search_time_s == [2.0, 3.0]
+    assert not search.searched, "all of them at once"
+    see(search, 40, {999: FREE})
+    assert search.searched
+    assert search.search_time_s == [2.0, 3.0], "the first time counts"
+
+
 @pytest.mark.parametrize(("noise_m", "searched"), [(0.0, False), (0.05, True)])
 def test_noisy_sensors_have_searched_when_the_search_is_finished(noise_m: float, searched: bool) -> None:
     search = search_of(("a", [*range(1000)]), size=1010, noise_m=noise_m)
