@@ -181,7 +181,7 @@ def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
-        uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
+        uplink.make(0, np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
     uplink.due(100, 1, Room(None, limited=False))
     return uplink.acknowledge(100, acks, ahead)
 
