@@ -122,7 +122,7 @@ class Robot:
         victims = tuple(v for v in sense.victims if v[0] not in self._victims_seen)
         self._victims_seen.update(v[0] for v in victims)
         if cells.size or victims:
-            self.uplink.make(cells, values, victims)
+            self.uplink.make(sense.tick, cells, values, victims)
 
     def _frames(self, tick: int, action: Action, room: Room) -> tuple[Frame, ...]:
         """What to send, most important first, as far as there is room: routing, acknowledgements, scans, the map."""
@@ -145,7 +145,7 @@ class Robot:
         x, y = action.target_m
         return Status(
             action.cls, ms.nms, action.msr, self.policy.nmsr, ms.hops, action.mode, x, y,
-            uplink.made, uplink.buffered, uplink.discarded,
+            uplink.made, uplink.buffered, uplink.discarded, uplink.newest_scan_tick,
         )  # fmt: skip
 
     def table(self) -> Table | None:

@@ -21,8 +21,8 @@ from agents.round_trip import RoundTrip
 from bus.codec import WireError
 from world.terms import tick_of
 
-Scan: TypeAlias = tuple[NDArray[np.uint32], NDArray[np.int8], tuple[tuple[int, float, float], ...]]
-"""What a scan changed: cells and their values, and the victims that it saw."""
+Scan: TypeAlias = tuple[int, NDArray[np.uint32], NDArray[np.int8], tuple[tuple[int, float, float], ...]]
+"""A scan: its tick, the cells that it is evidence for and their values, and the victims that it saw."""
 
 _USUAL_BYTES: Final = 240
 """A report may be so long though that is more than half a share, or else its head would take more than its cells."""
@@ -56,6 +56,8 @@ class ScanUplink:
         self._ack = ACK.pack(node, incarnation, 0)[:4]
         """First bytes of the ACK for this incarnation."""
         self._numbered = 0
+        self._numbered_tick = 0
+        """Of the scan that the last of them shows."""
         self._new: list[tuple[int, NDArray[np.uint32], NDArray[np.int8]]] = []
         """Reports that nobody has asked for yet."""
         self.discarded = 0
@@ -70,25 +72,35 @@ class ScanUplink:
         return self._numbered + bool(self._waiting)
 
     @property
+    def newest_scan_tick(self) -> int:
+        """Of the scan that the last report made shows; 0 before the first."""
+        return self._waiting[0][0] if self._waiting else self._numbered_tick
+
+    @property
     def buffered(self) -> int:
         """Number of reports that the MS has not acknowledged."""
         return len(self._unacknowledged) + bool(self._waiting)
 
     def make(
-        self, cells: NDArray[np.uint32], values: NDArray[np.int8], victims: tuple[tuple[int, float, float], ...]
+        self,
+        tick: int,
+        cells: NDArray[np.uint32],
+        values: NDArray[np.int8],
+        victims: tuple[tuple[int, float, float], ...],
     ) -> None:
-        """Make the next report of what a scan changed, and keep it; where the radio is limited, later and in parts."""
-        self._waiting.append((cells, values, victims))
+        """Make the next report of a scan of this tick, and keep it; where the radio is limited, later and in parts."""
+        self._waiting.append((tick, cells, values, victims))
         if not self._limited:
             self._number(len(cells))
 
     def _number(self, most_cells: int) -> None:
         """Make the next report of the first scan that waits, of at most so many cells."""
-        cells, values, victims = self._waiting.popleft()
+        tick, cells, values, victims = self._waiting.popleft()
         if len(cells) > most_cells:
-            self._waiting.appendleft((cells[most_cells:], values[most_cells:], ()))
+            self._waiting.appendleft((tick, cells[most_cells:], values[most_cells:], ()))
             cells, values = cells[:most_cells], values[:most_cells]
         self._numbered += 1
+        self._numbered_tick = tick
         report = ScanReport(self._node, self._incarnation, self._numbered, cells, values, victims)
         self._unacknowledged[self._numbered] = report.encode()
         self._new.append((self._numbered, cells, values))
@@ -179,7 +191,7 @@ class ScanUplink:
     def _fill_window(self, room: Room) -> None:
         """Make a report, at most one in a tick, if scans wait and one more may be under way."""
         if self._waiting and len(self._unacknowledged) < self._window:
-            victims = self._waiting[0][2]
+            victims = self._waiting[0][3]
             most = max(room.share // 2, min(2 * room.share, _USUAL_BYTES))
             fits = most - ScanReport.HEAD_BYTES - ScanReport.VICTIM_BYTES * len(victims)
             self._number(max(fits // ScanReport.CELL_BYTES, 1))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import random
 import shlex
 import sys
 from pathlib import Path
@@ -18,12 +17,14 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from deploy.command import Parser
     from deploy.sweep.campaign import Asked
-    from deploy.sweep.plan import Point, Study
+    from deploy.sweep.plan import Study
     from deploy.sweep.workers import Workers
 
 ALSO_NEEDED: Final = ("matplotlib", "pyarrow")
 REPORT: Final = "report"
 """Word for the command line, instead of a study: write docs/results.md and docs/policies.md from the results."""
+BUILDINGS: Final = "buildings"
+"""After `report`: write docs/buildings.md, from its table and the results."""
 _MANY_RUNS: Final = 1000
 """So many take some seconds to check."""
 
@@ -33,7 +34,7 @@ def parser() -> Parser:
     from deploy.command import Parser, a_whole_number
 
     p = Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
-    p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report")
+    p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report, report buildings")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
     p.add_argument(
         "--workers", type=a_whole_number, metavar="N", help="processes of this machine (default: one per core)"
@@ -44,6 +45,10 @@ def parser() -> Parser:
     p.add_argument(
         "--sample", type=a_whole_number, metavar="N", help="only N of its runs, chosen at random, always the same"
     )
+    p.add_argument(
+        "--only", action="append", default=[], metavar="KEY=VALUE",
+        help="only runs with that parameter, such as seed=1 or policy=scout; repeat it for more",
+    )  # fmt: skip
     p.add_argument("--compare", type=Path, metavar="DIR", help="then compare with the results there, wall times aside")
     p.add_argument("--retry-failed", action="store_true", help="run failed runs again")
     p.add_argument("--plot-only", action="store_true", help="run nothing, draw what is there")
@@ -56,18 +61,19 @@ def main(arguments: list[str] | None = None) -> int:
     from deploy.command import INTERRUPTED, refuse, require
 
     require(Path(__file__), ALSO_NEEDED)
+    from bus.excerpt import shown
     from deploy.machine.limits import one_thread
 
     one_thread()
     from deploy.run_folder.claim import ClaimError
     from deploy.scenario import ScenarioError
-    from deploy.sweep.campaign import carry_out
-    from deploy.sweep.plan import load_study, points_of, runs_of
+    from deploy.sweep.campaign import carry_out, sample, select
+    from deploy.sweep.plan import absent, load_study, points_of, runs_of
     from deploy.sweep.results import Results, ResultsError
     from deploy.sweep.workers import WorkersGoneError
 
-    if options.study == [REPORT]:
-        return _report(options.out)
+    if options.study in ([REPORT], [REPORT, BUILDINGS]):
+        return _report(options.out, buildings=options.study != [REPORT])
     try:
         _check(options)
         plans = []
@@ -76,7 +82,9 @@ def main(arguments: list[str] | None = None) -> int:
             Results(_folder(study, options)).check()
             if (runs := runs_of(study)) > _MANY_RUNS:
                 print(f"{study.name}: checking its {runs:,} runs", flush=True)
-            plans.append((study, _sampled(points_of(study), options.sample)))
+            for path in absent(study):
+                print(f"{study.name}: no runs on {shown(path)}, which is not there", flush=True)
+            plans.append((study, sample(select(points_of(study), options.only), options.sample)))
         workers = None if options.plot_only else _workers(options)
     except (ScenarioError, OSError, ValueError) as error:
         return refuse("study.py", error)
@@ -98,7 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     if REPORT in options.study:
-        raise ValueError("report stands alone")
+        raise ValueError(f"{REPORT} stands alone, or before {BUILDINGS}")
     if options.out is not None and len(options.study) > 1:
         raise ValueError("--out takes one study")
     for name in ("workers", "sample"):
@@ -115,14 +123,6 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError(f"--compare {error}") from None
         if not there:
             raise ValueError(f"--compare {shown(options.compare)}: no results.parquet there, and no run that is done")
-
-
-def _sampled(points: list[Point], count: int | None) -> list[Point]:
-    if count is None or count >= len(points):
-        return points
-    # Sorted first, so that the order of points, which is about speed, does not change the choice.
-    chosen = {point.key for point in random.Random(0).sample(sorted(points, key=lambda p: p.key), count)}
-    return [point for point in points if point.key in chosen]
 
 
 def _workers(options: argparse.Namespace) -> Workers:
@@ -170,7 +170,8 @@ def _marks(options: argparse.Namespace) -> list[str]:
     return [f"--{word}" for word in ("quick", "processes") if getattr(options, word)]
 
 
-def _report(out: Path | None) -> int:
+def _report(out: Path | None, *, buildings: bool) -> int:
+    from deploy.buildings.page import write_buildings
     from deploy.command import ROOT, refuse
     from deploy.paper.results_page import unfinished, write_report
     from deploy.sweep.results import ResultsError
@@ -180,12 +181,15 @@ def _report(out: Path | None) -> int:
         return refuse("study.py", f"{ROOT} is no checkout, whose docs the report goes into: name a folder by --out")
     studies, docs = Path("runs") / "studies", out or ROOT / "docs"
     try:
-        if (docs / "results.md").exists() and (lacking := unfinished(studies)):
+        if buildings:
+            pages = write_buildings(studies, docs)
+        elif (docs / "results.md").exists() and (lacking := unfinished(studies)):
             return refuse(
                 "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
                 "Run those studies, or write pages of what is there into another folder by --out"
             )  # fmt: skip
-        pages = write_report(studies, docs)
+        else:
+            pages = write_report(studies, docs)
     except (ForeignFileError, ResultsError) as error:
         return refuse("study.py", error)
     except OSError as error:

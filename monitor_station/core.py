@@ -50,6 +50,8 @@ class Station:
         self.search.update(0, known, self.merger.cells[known])
         self.bad_frames = 0
         self._tick = first_tick
+        self._merged_tick: dict[tuple[int, int, int], int] = {}
+        """By robot, incarnation and number of a report."""
         self._journal: list[bytes] = []
         self._turned = known
         """Cells whose state changed in this tick, perhaps one twice."""
@@ -88,6 +90,7 @@ class Station:
         change = self.merger.take(report)
         if change is None:
             return _NONE
+        self._merged_tick.setdefault((report.origin, report.incarnation, report.number), tick)
         payload = report.encode()
         self._journal.append(_RECORD.pack(tick, len(payload)) + payload)
         self.downlink.append(change.cells.astype(np.uint32), change.odds)
@@ -152,6 +155,9 @@ class Station:
         everything = [t for t in times if t is not None]
         measures = self.search.measures(self.merger.cells)
         measures["left"]["frontiers"] = len(self.exhaustion.reachable(self.merger.cells)[0])
+        merged_ticks: dict[str, list[tuple[int, int]]] = {}
+        for (robot, incarnation, number), tick in sorted(self._merged_tick.items()):
+            merged_ticks.setdefault(f"{robot}/{incarnation}", []).append((number, tick))
         return (
             {
                 "search_rate": dict(zip(names, self.search.rates, strict=True)),
@@ -159,6 +165,7 @@ class Station:
                 | {"all": max(everything) if everything and len(everything) == len(times) else None},
                 "victims_found": sorted(self.merger.victims),
                 "bad_frames": self.bad_frames + self.router.bad_frames,
+                "merged_ticks": merged_ticks,
             }
             | measures
             | self.merger.tally()

@@ -22,6 +22,7 @@ from world.feed import Event, Snapshot
 from world.messages import Motion, Report, Status
 from world.recovery import Recoveries
 from world.roster import Rewritten, Roster
+from world.scan_times import ScanTimes
 from world.terms import STATION
 
 __all__ = ["Account", "Told"]
@@ -91,6 +92,8 @@ class Account:
         """Scan reports that earlier incarnations made, by "robot/incarnation"."""
         self._discarded_before = [0] * config.robots
         self._connectivity = Connectivity()
+        self._scan_times = ScanTimes(config.robots)
+        self._walked_m = np.zeros(config.robots)
 
     def note(self, tick: int, node: int, text: str, data: dict[str, Any]) -> None:
         """Add a fault event to the tick under way."""
@@ -111,6 +114,7 @@ class Account:
         past, incarnation = self._statuses[node - 1], self._roster.incarnation(node)
         if past.reports_made:
             self._made_before[f"{node}/{incarnation - 1}"] = past.reports_made
+        self._scan_times.renew(node - 1, f"{node}/{incarnation - 1}")
         self._discarded_before[node - 1] += past.reports_discarded
         self._statuses[node - 1] = Status()
 
@@ -126,6 +130,7 @@ class Account:
         self.settle()
         for node, motion in motions.items():
             self._statuses[node - 1] = motion.status
+            self._scan_times.note(node - 1, motion.status)
         self._closed = _Closed(tick, self._present(), xy_m, report, tuple(self._events))
         self._events = []
 
@@ -136,6 +141,7 @@ class Account:
             return
         before, self.snapshot = self.snapshot, self._photograph(closed)
         self._connectivity.add(self.snapshot)
+        self._walked_m += np.hypot(*(self.snapshot.xy_m - before.xy_m).T)
         verdicts: tuple[Event, ...] = ()
         if self._recoveries.watching:
             speaks = closed.report is not None and not closed.report.silent
@@ -166,13 +172,18 @@ class Account:
         return {
             "connected_fraction": self._connectivity.fraction,
             "max_hops": self._connectivity.max_hops,
+            "longest_absence_s": self._connectivity.longest_absence_s,
             "planned_absences": self._connectivity.planned_absences,
+            "walked_m": round(float(self._walked_m.sum()), 1),
             "scan_reports": {
                 "made": sum(made.values()),
                 "buffered": sum(s.reports_buffered for s in present.values()),
                 "discarded": sum(self._discarded_before) + sum(s.reports_discarded for s in statuses),
             },
             "made": made,
+            "scan_ticks": self._scan_times.final(
+                [f"{node}/{self._roster.incarnation(node)}" for node in range(1, len(statuses) + 1)]
+            ),
             "acknowledged": {
                 str(node): [self._roster.incarnation(node), s.reports_made - s.reports_buffered]
                 for node, s in present.items()

@@ -43,3 +43,4 @@ def _check(status: Status, robots: int, tick: int) -> None:
         raise WireError("a route without a next hop, or a next hop without a route")
     # A robot scans at most once in a tick.
     integer(status.reports_made + status.reports_discarded, 0, tick + 1)
+    integer(status.newest_scan_tick, 0, tick)

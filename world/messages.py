@@ -32,7 +32,7 @@ from world.terms import MAX_NODE, MAX_TICK, NOBODY, UNREACHABLE, Cls, Mode
 _SENSE: Final = struct.Struct("<I?HIdd")
 """Tick, first, incarnation, beams, x, y; then a scan, then the victims if there are any."""
 _NO_SCAN: Final = 2**32 - 1
-_MOTION: Final = struct.Struct("<IddB3hBB2d3I")
+_MOTION: Final = struct.Struct("<IddB3hBB2d4I")
 """All fields of a `Motion` and its `Status`, in their order."""
 
 _F8: Final = np.dtype("<f8")
@@ -128,6 +128,8 @@ class Status:
     reports_made: int
     reports_buffered: int
     reports_discarded: int
+    newest_scan_tick: int
+    """Of the scan that the last report made shows."""
 
     def __init__(
         self,
@@ -142,6 +144,7 @@ class Status:
         reports_made: int = 0,
         reports_buffered: int = 0,
         reports_discarded: int = 0,
+        newest_scan_tick: int = 0,
     ) -> None:
         self.cls = cls
         self.nms = nms
@@ -154,6 +157,7 @@ class Status:
         self.reports_made = reports_made
         self.reports_buffered = reports_buffered
         self.reports_discarded = reports_discarded
+        self.newest_scan_tick = newest_scan_tick
 
 
 @dataclass(slots=True, init=False)
@@ -176,18 +180,19 @@ class Motion:
         return _MOTION.pack(
             self.tick, self.vx_m_s, self.vy_m_s, s.cls, s.nms, s.msr, s.nmsr, s.hops, s.mode,
             s.target_x_m, s.target_y_m, s.reports_made, s.reports_buffered, s.reports_discarded,
+            s.newest_scan_tick,
         )  # fmt: skip
 
     @staticmethod
     def decode(data: bytes) -> Motion:
         if len(data) != _MOTION.size:
             raise WireError(f"a motion has {_MOTION.size} bytes")
-        tick, vx, vy, cls, nms, msr, nmsr, hops, mode, x, y, made, buffered, discarded = head(_MOTION, data)
+        tick, vx, vy, cls, nms, msr, nmsr, hops, mode, x, y, made, buffered, discarded, newest = head(_MOTION, data)
         status = Status(
             integer(cls, 0, 1), integer(nms, NOBODY, MAX_NODE), integer(msr, NOBODY, MAX_NODE),
             integer(nmsr, NOBODY, MAX_NODE), hops, integer(mode, 0, len(Mode) - 1),
-            coordinate(x), coordinate(y),
-            integer(made, 0, MAX_TICK), integer(buffered, 0, made), integer(discarded, 0, MAX_TICK),
+            coordinate(x), coordinate(y), integer(made, 0, MAX_TICK),
+            integer(buffered, 0, made), integer(discarded, 0, MAX_TICK), integer(newest, 0, MAX_TICK),
         )  # fmt: skip
         return Motion(integer(tick, 0, MAX_TICK), finite(vx), finite(vy), status)
 

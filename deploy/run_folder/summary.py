@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from deploy.run_folder.status import meaning_of
-from deploy.run_folder.verdicts import foreign_reports, lost_reports, settle
+from deploy.run_folder.verdicts import foreign_reports, information_age, lost_reports, settle
 from monitor_station.config import FINISHED
 from world.connectivity import Connectivity
 from world.feed import Snapshot
@@ -92,9 +92,14 @@ def summary_of(
         "map_errors": station.get("map_errors"),
         "left": station.get("left"),
         "connected_fraction": world.get("connected_fraction", progress.connectivity.fraction if latest else None),
+        "longest_absence_s": world.get(
+            "longest_absence_s", progress.connectivity.longest_absence_s if latest else None
+        ),
         "max_hops": world.get("max_hops", progress.connectivity.max_hops),
         "planned_absences": world.get("planned_absences", progress.connectivity.planned_absences if latest else None),
         "blocked_moves": world.get("blocked_moves"),
+        "walked_m": world.get("walked_m"),
+        "information_age": _age(world, station),
         "scan_reports": _scan_reports(world, station, latest),
         "victims": {
             "placed": len(scenario.arena.victims_m),
@@ -161,6 +166,12 @@ def _scan_reports(
     told = world.get("scan_reports", {})
     counts = {"made": None, "buffered": None, "discarded": None, **told}
     return counts | {"merged": merged, "lost": lost, "foreign": foreign}
+
+
+def _age(world: Mapping[str, Any], station: Mapping[str, Any]) -> dict[str, float | None]:
+    """Nulls if the world or the station was lost."""
+    known = "scan_ticks" in world and "merged_ticks" in station
+    return information_age(world["scan_ticks"], station["merged_ticks"]) if known else {"median_s": None, "p95_s": None}
 
 
 def _robots(s: Snapshot) -> list[dict[str, Any]]:

@@ -1,12 +1,14 @@
-"""The final verdict on every fault: that of the world, with the fate of the scan reports that the fault delayed.
+"""What became of scan reports: which are lost, how old they were when they came, and which of them a fault delayed.
 
-The world knows which reports the orphans of a fault made while they had no path; the monitor station knows which of
-them it has. Neither knows both, so this module joins them after the run.
+The world knows which reports robots made, and when; the monitor station knows which of them it has, and since when.
+Neither knows both, so this module joins them after the run. The final verdict on a fault is that of the world with the
+fate of the reports that the fault delayed.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -16,7 +18,7 @@ from world.faults import describe, parse_fault
 from world.feed import Event
 from world.terms import NOBODY, STATION, seconds_of, tick_of
 
-__all__ = ["foreign_reports", "lost_reports", "settle", "verdict_on"]
+__all__ = ["foreign_reports", "information_age", "lost_reports", "settle", "verdict_on"]
 
 
 def verdict_on(of: int | str, events: Sequence[Event]) -> Callable[[Mapping[str, Any]], bool]:
@@ -94,6 +96,35 @@ def foreign_reports(made: Mapping[str, int], station: Mapping[str, Any]) -> int:
     ahead: Mapping[str, Sequence[int]] = station["ahead"]
     beyond = sum(max(0, number - made.get(source, 0)) for source, number in complete.items())
     return beyond + sum(number > made.get(source, 0) for source, numbers in ahead.items() for number in numbers)
+
+
+def information_age(
+    scan_ticks: Mapping[str, Sequence[int]], merged_ticks: Mapping[str, Sequence[Sequence[int]]]
+) -> dict[str, float | None]:
+    """Quantiles, over all reports that robots made, of the time from the scan until the MS had merged its report.
+
+    Args:
+        scan_ticks: of each robot incarnation ("4/0"): tick of the scan that each of its reports shows, in their order.
+        merged_ticks: of each: numbers of its reports, which begin with 1, and the ticks at which they were merged.
+
+    Returns:
+        `median_s` and `p95_s`. A report that never came is older than all others, so either is None if it falls on one,
+        or if there is no report.
+    """
+    ages = sorted(
+        max(merged - scan_ticks[source][number - 1], 0)
+        for source, reports in merged_ticks.items()
+        for number, merged in reports
+        if number <= len(scan_ticks.get(source, ()))
+    )
+    made = sum(map(len, scan_ticks.values()))
+    return {"median_s": _quantile_s(ages, 0.5, made), "p95_s": _quantile_s(ages, 0.95, made)}
+
+
+def _quantile_s(ages: Sequence[int], share: float, of: int) -> float | None:
+    """The least age that at least this share of the reports did not exceed."""
+    rank = max(math.ceil(share * of), 1) - 1
+    return seconds_of(ages[rank]) if rank < len(ages) else None
 
 
 def _fate(

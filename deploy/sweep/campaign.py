@@ -1,11 +1,13 @@
-"""One study carried out while somebody looks on: its runs, how far they are, what came of them."""
+"""One study, or some of its runs, carried out while somebody looks on: how far they are, what came of them."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import platform
+import random
 import time
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +18,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from bus.excerpt import shown
 from deploy.run_folder.status import meaning_of
-from deploy.scenario import load
+from deploy.scenario import load, parse_set
+from deploy.scenario.tables import nearest
 from deploy.sweep.bounds import bounds_of
 from deploy.sweep.plan import Point, Study
 from deploy.sweep.results import Results, ResultsError, differences
-from deploy.sweep.row import Engine, code_version
+from deploy.sweep.row import Engine, code_version, columns_of
 from deploy.sweep.statistics import usable
 from deploy.sweep.workers import Execution, Workers
 
-__all__ = ["Asked", "carry_out"]
+__all__ = ["Asked", "carry_out", "sample", "select"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,47 @@ class Asked:
     retry_failed: bool = False
     compare: Path | None = None
     """Folder of the results to compare with."""
+
+
+def select(points: list[Point], only: Sequence[str]) -> list[Point]:
+    """The points that have what is asked for.
+
+    Args:
+        points: of the study.
+        only: "KEY=VALUE", where a key is a column of parameters, such as seed, policy, variant or scenario.
+            Of several values for a key any will do.
+
+    Raises:
+        ScenarioError: one is not of that form.
+        ValueError: no point has such a key, or none has all that is asked for.
+    """
+    asked: dict[str, list[Any]] = {}
+    for text in only:
+        key, value = parse_set(text)
+        asked.setdefault(key, []).append(value)
+    parameters = {point.key: _parameters(point) for point in points}
+    known = dict.fromkeys(key for of_point in parameters.values() for key in of_point)
+    for key in asked:
+        if key not in known:
+            raise ValueError(f"--only {shown(key)}: no run has such a parameter, {nearest(key, list(known))}")
+    chosen = [point for point in points if all(parameters[point.key].get(key) in asked[key] for key in asked)]
+    if not chosen:
+        raise ValueError(f"--only {shown(', '.join(only))}: no run of the study is so")
+    return chosen
+
+
+def sample(points: list[Point], count: int | None) -> list[Point]:
+    """So many of the points, chosen at random, always the same ones; all of them if there are no more, or for None."""
+    if count is None or count >= len(points):
+        return points
+    # Sorted first, so that the order of points, which is about speed, does not change the choice.
+    chosen = {point.key for point in random.Random(0).sample(sorted(points, key=lambda p: p.key), count)}
+    return [point for point in points if point.key in chosen]
+
+
+def _parameters(point: Point) -> dict[str, Any]:
+    tables = tomllib.loads(point.toml)
+    return {**columns_of(tables), "variant": point.variant, "scenario": tables["name"]}
 
 
 def carry_out(study: Study, points: list[Point], workers: Workers | None, folder: Path, asked: Asked) -> bool:

@@ -24,7 +24,7 @@ from deploy.scenario.files import located, read_toml
 from deploy.scenario.name import check_name, name_of
 from deploy.scenario.tables import checked, nearest
 
-__all__ = ["Discard", "Point", "Study", "Variant", "load_study", "points_of", "runs_of", "study_names"]
+__all__ = ["Discard", "Point", "Study", "Variant", "absent", "load_study", "points_of", "runs_of", "study_names"]
 
 FOLDER: Final = Path(__file__).resolve().parent.parent / "studies"
 BASE: Final = "base"
@@ -68,7 +68,8 @@ class Study:
 
     name: Annotated[str, MinLen(1)]
     scenario: Annotated[str, MinLen(1)]
-    """Name or path, as `run_local.py --scenario` takes it; a path is relative to the study's file."""
+    """Name or path, as `run_local.py --scenario` takes it; a path is relative to the study's file, as is one of an axis
+    or a variant."""
     plot: Literal["search_rate", "search_time", "variants"]
     title: str = ""
     set: dict[str, Any] = field(default_factory=dict)
@@ -80,6 +81,8 @@ class Study:
     """Axes for `--quick`. They replace those above."""
     variant: tuple[Variant, ...] = ()
     discard: Discard | None = None
+    skip_absent: bool = False
+    """Leave out the runs whose scenario is a path to no file, in place of refusing the study."""
     series_step_s: Annotated[int, Ge(1)] = 1
     """Simulated seconds between two rows of the time series."""
 
@@ -120,12 +123,19 @@ def load_study(source: str, *, quick: bool = False) -> Study:
         _check(study)
     except ScenarioError as error:
         raise ScenarioError(f"{shown(source)}: {error}") from None
-    if Path(study.scenario).suffix:
-        study = dataclasses.replace(study, scenario=str(located(study.scenario, path.parent)))
+    study = _located(study, path.parent)
     if not quick:
         return study
     variants = tuple(dataclasses.replace(variant, axes={}) for variant in study.variant)
     return dataclasses.replace(study, axes=_flat(study.axes) | _flat(study.quick), variant=variants)
+
+
+def absent(study: Study) -> list[str]:
+    """The files that are not there and whose runs the study leaves out."""
+    if not study.skip_absent:
+        return []
+    sources = [str(settings.get("scenario", study.scenario)) for _, settings in _combinations(study)]
+    return [s for s in dict.fromkeys(sources) if Path(s).suffix and not Path(s).is_file()]
 
 
 def runs_of(study: Study) -> int:
@@ -141,8 +151,11 @@ def points_of(study: Study) -> list[Point]:
         ScenarioError: a combination that is no valid scenario; the line names it.
     """
     points: dict[str, Point] = {}
+    gone = absent(study)
     for variant, settings in _combinations(study):
         source = str(settings.pop("scenario", study.scenario))
+        if source in gone:
+            continue
         try:
             scenario = load(source, settings)
         except ScenarioError as error:
@@ -151,7 +164,39 @@ def points_of(study: Study) -> list[Point]:
         _check_discard(study.discard, scenario)
         point = _point(variant, scenario)
         points.setdefault(point.key, point)
+    if not points:
+        raise ScenarioError(f"study {shown(study.name, 30)}: none of its scenarios is there: {shown(', '.join(gone))}")
     return sorted(points.values(), key=lambda point: (-point.effort, point.key))
+
+
+def _located(study: Study, folder: Path) -> Study:
+    """The study with every scenario's path made absolute."""
+    variants = tuple(
+        dataclasses.replace(variant, set=_placed(variant.set, folder), axes=_placed(variant.axes, folder))
+        for variant in study.variant
+    )
+    return dataclasses.replace(
+        study,
+        scenario=_placed({"scenario": study.scenario}, folder)["scenario"],
+        set=_placed(study.set, folder),
+        axes=_placed(study.axes, folder),
+        quick=_placed(study.quick, folder),
+        variant=variants,
+    )
+
+
+def _placed(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The table, its paths under the key `scenario` made absolute, in tables within it, too."""
+
+    def at(value: Any, key: str) -> Any:
+        if isinstance(value, Mapping):
+            return _placed(value, folder)
+        if isinstance(value, list):
+            return [at(one, key) for one in value]
+        named = key == "scenario" and isinstance(value, str)
+        return str(located(value, folder)) if named and Path(value).suffix else value
+
+    return {key: at(value, key) for key, value in table.items()}
 
 
 def _check_discard(rule: Discard | None, scenario: Scenario) -> None:

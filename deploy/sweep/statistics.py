@@ -12,14 +12,15 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest, bootstrap
 from scipy.stats import t as student_t
 
 from deploy.run_folder.status import meaning_of
 from deploy.sweep.plan import Discard
 
 __all__ = [
-    "ALL", "Band", "Estimate", "estimate", "goes_first", "kept", "mean_rates", "ratio",
-    "usable",
+    "ALL", "Band", "Estimate", "Interval", "estimate", "goes_first", "kept", "mean_rates", "median_of", "ratio",
+    "share_of", "usable",
 ]  # fmt: skip
 
 ALL: Final = "search_time_s.all"
@@ -61,6 +62,32 @@ def estimate(values: Iterable[float], confidence: float = 0.95) -> Estimate:
     sd = float(sample.std(ddof=1))
     quantile = float(student_t.ppf(0.5 + confidence / 2, n - 1))
     return Estimate(n, float(sample.mean()), quantile * sd / math.sqrt(n), sd)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number and its 95 % confidence interval; NaN for the ends if there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+def median_of(values: Sequence[float]) -> Interval:
+    """Median of a sample and its interval by bootstrap (Efron's percentiles, 9,999 resamples, always the same ones).
+
+    Of a sample with times that are censored at a limit the median is right as long as it lies below the limit.
+    """
+    if len(values) < 2:
+        return Interval(values[0] if values else math.nan, math.nan, math.nan)
+    found = bootstrap((values,), np.median, method="percentile", rng=np.random.default_rng(0)).confidence_interval
+    return Interval(float(np.median(values)), float(found.low), float(found.high))
+
+
+def share_of(successes: int, trials: int) -> Interval:
+    """Share of successes and its interval after Wilson."""
+    found = binomtest(successes, trials).proportion_ci(method="wilson")
+    return Interval(successes / trials, float(found.low), float(found.high))
 
 
 def ratio(pairs: Sequence[tuple[float, float]]) -> Estimate:

@@ -37,7 +37,7 @@ def boundless() -> Room:
 
 def make(uplink: ScanUplink, cells: list[int]) -> None:
     made = report(cells)
-    uplink.make(made.cells, made.values, made.victims)
+    uplink.make(0, made.cells, made.values, made.victims)
 
 
 @settings(max_examples=50, deadline=None)

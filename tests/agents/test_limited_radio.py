@@ -40,8 +40,8 @@ def room(left: int, share: int | None = None) -> Room:
     return Room(Inbox(1, (), left, left if share is None else share), limited=True)
 
 
-def scan(uplink: ScanUplink, cells: range, victims: tuple[tuple[int, float, float], ...] = ()) -> None:
-    uplink.make(np.array(cells, np.uint32), np.full(len(cells), FREE, np.int8), victims)
+def scan(uplink: ScanUplink, cells: range, victims: tuple[tuple[int, float, float], ...] = (), tick: int = 0) -> None:
+    uplink.make(tick, np.array(cells, np.uint32), np.full(len(cells), FREE, np.int8), victims)
 
 
 def sent(uplink: ScanUplink, tick: int, left: int = 1000, hops: int = 1) -> list[int]:
@@ -50,6 +50,23 @@ def sent(uplink: ScanUplink, tick: int, left: int = 1000, hops: int = 1) -> list
 
 
 # Scans up
+
+
+def test_a_report_has_the_tick_of_its_scan_though_it_is_made_later() -> None:
+    uplink = ScanUplink(3, 1, Reporting(window=2), limited=True)
+    newest = []
+    for tick in range(12):
+        if tick in (2, 3):
+            scan(uplink, range(60), tick=tick)
+        sent(uplink, tick, left=150)
+        newest.append((uplink.made, uplink.newest_scan_tick))
+    # The second scan waits, as the third report, until the first one has left in two parts.
+    assert newest[:4] == [(0, 0), (0, 0), (2, 2), (3, 3)]
+    assert max(newest) == newest[-1]
+    free = ScanUplink(3, 1, Reporting())
+    for tick in (4, 9):
+        scan(free, range(tick), tick=tick)
+        assert free.newest_scan_tick == tick
 
 
 @settings(max_examples=40, deadline=None)

@@ -22,7 +22,7 @@ from tests.bench.pattern import Pattern, TickTimes
 
 __all__ = ["start"]
 
-_MOTION_BYTES: Final = 60
+_MOTION_BYTES: Final = 64
 _STOP: Final = b"stop"
 _START_S: Final = 60.0
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deploy.run_folder.baseline import Baseline, faults_of
-from deploy.run_folder.verdicts import lost_reports, settle
+from deploy.run_folder.verdicts import information_age, lost_reports, settle
 from deploy.scenario import ScenarioError, load
 
 KILL = {"verb": "kill", "at_s": 5.0, "target": "2"}
@@ -59,6 +59,19 @@ def orphan(robot: int, before: int, made: int, incarnation: int = 0) -> dict[str
         "robot": robot, "incarnation": incarnation, "reports_before": before, "reports_made": made,
         "reports_discarded": 1,
     }  # fmt: skip
+
+
+def test_the_age_of_what_robots_saw_is_reckoned_over_all_their_reports() -> None:
+    scans = {"1/0": [0, 5, 10, 10], "2/0": [100]}
+    merged = {"1/0": [(1, 2), (2, 6), (4, 40)], "2/0": [(1, 103)], "3/0": [(1, 9)], "2/1": []}
+    # Ages in ticks: 1, 2, 3, 30, and that of the third report, which never came.
+    assert information_age(scans, merged) == {"median_s": 0.3, "p95_s": None}
+    merged["1/0"].append((3, 50))
+    assert information_age(scans, merged) == {"median_s": 0.3, "p95_s": 4.0}
+    assert information_age({}, {"3/0": [(1, 9)]}) == {"median_s": None, "p95_s": None}
+    many = {"1/0": [0] * 100}
+    assert information_age(many, {"1/0": [(n, n) for n in range(1, 96)]})["p95_s"] == 9.5
+    assert information_age(many, {"1/0": [(n, n) for n in range(1, 95)]})["p95_s"] is None
 
 
 def test_the_fate_of_every_report_is_told() -> None:

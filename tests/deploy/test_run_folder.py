@@ -87,6 +87,8 @@ def test_without_last_counts_the_snapshots_speak(folder: RunFolder) -> None:
     assert summary["trace_sha256"] is None
     unknown = dict.fromkeys(("made", "buffered", "discarded", "lost", "foreign"))
     assert summary["scan_reports"] == unknown | {"merged": 2}
+    assert summary["information_age"] == {"median_s": None, "p95_s": None}
+    assert (summary["walked_m"], summary["longest_absence_s"]) == (None, 0.1)
     assert summary["victims"] == {"placed": 1, "found": 0}
     assert summary["unreachable"] == {"floor": 0.25, "cells": {"a": 0.0, "b": 0.333333}}
     assert json.loads((folder.path / "summary.json").read_text()) == summary
@@ -98,12 +100,14 @@ def test_last_counts_overrule_the_snapshots(folder: RunFolder) -> None:
         "world": {
             "status": "searched", "ticks": 20,
             "scan_reports": {"made": 9, "buffered": 1, "discarded": 0},
+            "walked_m": 12.5, "longest_absence_s": 0.7, "scan_ticks": {"1/0": [3]},
             "made": {"1/0": 4, "2/1": 5}, "acknowledged": {"1": [0, 5], "2": [1, 3]},
         },
         "medium": {"trace_sha256": "ab", "frames": {"sent": 4}},
         "station": {
             "search_rate": {"a": 1.0, "b": 1.0}, "merged": 8, "victims_found": [0],
             "complete": {"1/0": 5, "2/1": 1}, "ahead": {"2/1": [4, 6]}, "contradicted": 1,
+            "merged_ticks": {"1/0": [[1, 8]]},
         },
     }  # fmt: skip
     summary = folder.finish(finals, 4.0)
@@ -111,6 +115,8 @@ def test_last_counts_overrule_the_snapshots(folder: RunFolder) -> None:
     assert (summary["simulated_s"], summary["real_time_factor"]) == (2.0, 0.5)
     assert summary["scan_reports"] == {"made": 9, "merged": 8, "buffered": 1, "discarded": 0, "lost": 3, "foreign": 2}
     assert summary["victims"] == {"placed": 1, "found": 1}
+    assert summary["information_age"] == {"median_s": 0.5, "p95_s": 0.5}
+    assert (summary["walked_m"], summary["longest_absence_s"]) == (12.5, 0.7)
     assert (summary["trace_sha256"], summary["frames"]) == ("ab", {"sent": 4})
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from deploy.scenario import ScenarioError, load
-from deploy.sweep.plan import Point, load_study, points_of, study_names
+from deploy.sweep.campaign import sample, select
+from deploy.sweep.plan import Point, absent, load_study, points_of, study_names
 from deploy.sweep.results import Results
 from tests.helpers.studies import tiny
 
@@ -125,3 +126,47 @@ def test_an_axis_of_tables_varies_keys_together_and_a_variant_may_have_its_own_a
     assert found == sorted(
         [("all", *pair, seed) for pair in pairs for seed in (1, 2, 3)] + [("one seed", *pair, 7) for pair in pairs]
     )
+
+
+CORRIDOR = """
+[floor_plan]
+size_m = [10.0, 4.0]
+free = [[1.0, 1.0, 9.0, 3.0]]
+"""
+
+
+def test_paths_in_axes_start_from_the_file_and_runs_without_their_map_can_be_left_out(tmp_path: Path) -> None:
+    (tmp_path / "there.toml").write_text(f'name = "there"\n{CORRIDOR}')
+    path = tmp_path / "sub" / "maps.toml"
+    path.parent.mkdir()
+    text = (
+        'scenario = "three_cells"\nplot = "variants"\nskip_absent = true\n[axes]\nseed = "1..2"\n'
+        'building = [{scenario = "../there.toml"}, {scenario = "../gone.yaml", robots = 2}]\n'
+        '[[variant]]\nname = "both"\n[[variant]]\nname = "one"\naxes.building = [{scenario = "../there.toml"}]\n'
+        '[[variant]]\nname = "set"\naxes.building = [{robots = 3}]\nset.scenario = "../gone.yaml"\n'
+    )
+    path.write_text(text)
+    study = load_study(str(path))
+    assert absent(study) == [str(tmp_path / "sub" / "../gone.yaml")]
+    assert [point.variant for point in points_of(study)].count("both") == 2
+    assert {(p.variant, tomllib.loads(p.toml)["name"]) for p in points_of(study)} == {
+        ("both", "there"),
+        ("one", "there"),
+    }
+    path.write_text(text.replace("skip_absent = true", "skip_absent = false"))
+    with pytest.raises(ScenarioError, match="gone"):
+        points_of(load_study(str(path)))
+    path.write_text(text.replace("there.toml", "nowhere.toml"))
+    with pytest.raises(ScenarioError, match="none of its scenarios is there"):
+        points_of(load_study(str(path)))
+
+
+def test_some_of_the_runs_can_be_chosen_by_their_parameters() -> None:
+    points = shipped("fig7")
+    some = select(points, ["seed=1", "seed=2", "radius_m=20", "robots=6"])
+    runs = [tomllib.loads(point.toml) for point in some]
+    assert sorted((run["robots"], run["radius_m"], run["seed"]) for run in runs) == [(6, 20.0, 1), (6, 20.0, 2)]
+    assert select(points, []) == points
+    assert {point.variant for point in select(points, ["variant=base", "scenario=three_cells"])} == {"base"}
+    assert sample(points, 5) == sample(list(reversed(points)), 5)[::-1]
+    assert sample(points, None) == points

@@ -9,7 +9,7 @@ import pytest
 from deploy.scenario import load
 from deploy.sweep.bounds import bounds_of
 from deploy.sweep.plan import Discard
-from deploy.sweep.statistics import estimate, goes_first, kept, mean_rates, ratio
+from deploy.sweep.statistics import estimate, goes_first, kept, mean_rates, median_of, ratio, share_of
 from tests.helpers.studies import rates, row
 
 
@@ -25,6 +25,22 @@ def test_the_confidence_interval_is_students() -> None:
     assert unlike.mean == 1.0
     assert unlike.half_width == pytest.approx(4.303 * 2.0 / math.sqrt(3.0) / 2.0, rel=1e-3)
     assert math.isnan(estimate([7.0]).half_width)
+
+
+def test_a_median_and_a_share_have_their_intervals() -> None:
+    sample = [float(k) for k in range(1, 102)]
+    found = median_of(sample)
+    assert (found.value, found) == (51.0, median_of(sample)), "the resamples are always the same ones"
+    # By order statistics the interval of a median of 101 values is that from the 41st to the 61st.
+    assert found.low == pytest.approx(41.0, abs=2.0)
+    assert found.high == pytest.approx(61.0, abs=2.0)
+    assert (median_of([7.0]).value, math.isnan(median_of([7.0]).low)) == (7.0, True)
+    assert math.isnan(median_of([]).value)
+    assert median_of([3000.0, 3000.0]) == median_of([3000.0] * 5)
+    # Wilson's interval of 9 in 10: Newcombe 1998.
+    share = share_of(9, 10)
+    assert (share.value, round(share.low, 3), round(share.high, 3)) == (0.9, 0.596, 0.982)
+    assert (share_of(10, 10).low, share_of(10, 10).high) == (pytest.approx(0.7225, abs=1e-3), 1.0)
 
 
 def test_the_bounds_are_those_of_the_arena() -> None:

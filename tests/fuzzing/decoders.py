@@ -45,6 +45,7 @@ from bus.lockstep import unbatch, unseal
 from bus.mailbox import Mailbox
 from bus.phases import decode_phases
 from bus.session import BusError, Login, port_of
+from deploy.buildings.table import COLUMNS, read_table
 from deploy.ctl import _show
 from deploy.processes.operator_file import living_launcher, read_operator, write_operator
 from deploy.run_folder.baseline import Baseline, faults_of
@@ -53,7 +54,7 @@ from deploy.scenario import ScenarioError, load, parse_set
 from deploy.scenario.files import read_toml
 from deploy.scenario.tables import validate
 from deploy.sweep.plan import load_study
-from deploy.sweep.results import Results
+from deploy.sweep.results import Results, ResultsError
 from medium.config import MediumConfig
 from medium.messages import Inbox, Transmission
 from monitor_station.core import Station
@@ -84,11 +85,13 @@ OWN: Final = {
     "monitor_station/recording/known.py:Known._take_tiles": "its own tiles",
     "deploy/emulation.py:Emulation.command": "what the run of a test answers to it",
     "deploy/run_folder/baseline.py:Baseline.of": "the scenario of this very run, as TOML",
+    "deploy/sweep/campaign.py:_parameters": "the scenario of this very run, as TOML",
     "deploy/sweep/row.py:_head": "the scenario of this very run, as TOML",
 }
 """Functions that parse what nobody else made."""
 
 
+TABLE: Final = f"{','.join(COLUMNS)}\n{','.join(str(n) for n in range(len(COLUMNS)))}\n".encode()
 MOST_WORDS: Final = 400
 """Characters of a refusal."""
 MOST_S: Final = 1.0
@@ -181,7 +184,7 @@ def _acknowledge(acks: bytes, ahead: bytes = b"") -> object:
     Router(config, node_stream(1, 1, 0), 0).limits.decode_update(payload, 100)
     uplink = ScanUplink(1, 0, config.rules.reporting)
     for _ in range(20):
-        uplink.make(np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
+        uplink.make(0, np.zeros(0, np.uint32), np.zeros(0, np.int8), ())
     uplink.due(100, 1, Room(None, limited=False))
     return uplink.acknowledge(100, acks, ahead)
 
@@ -268,6 +271,8 @@ def _files(folder: Path) -> Iterator[WayIn]:
     yield WayIn("study", *through(plan, lambda: load_study(str(plan)), study), (ScenarioError,), slow=True)
     yield WayIn("finished run", *through(folder / "results" / "parts" / "a.json", results.rows, part), (), slow=True)
     yield WayIn("facts of a study", *through(folder / "results" / "study.json", results.noted), (), slow=True)
+    table = folder / "buildings.csv"
+    yield WayIn("table of buildings", *through(table, lambda: read_table(table), TABLE), (ResultsError,))
     run = short_run(folder / "run")
     known = load(run / "scenario.toml")
     for name in ("summary.json", "metrics.csv", "events.jsonl", "map.yaml", "map.pgm", "scenario.toml"):

@@ -40,6 +40,7 @@ def test_a_new_process_has_everything_that_was_acknowledged(mission: tuple[Stati
     assert after.search.rates == before.search.rates
     assert after.search.search_time_s == before.search.search_time_s
     assert after.downlink.version == before.downlink.version, "robots go on from the version that they hold"
+    assert after.final()["merged_ticks"] == before.final()["merged_ticks"]
     assert after.journal() == b"", "nothing is written twice"
 
 

@@ -42,12 +42,15 @@ def word(node: int, said: Motion | Report) -> Motion | Report:
         Status(reports_made=2**31 - 1),
         Status(reports_made=3, reports_buffered=4),
         Status(target_x_m=1e300),
+        Status(newest_scan_tick=TICK + 1),
     ],
 )
 def test_a_motion_that_cannot_be_is_malformed(status: Status) -> None:
     with pytest.raises(WireError):
         word(1, Motion(TICK, 0.0, 0.0, status))
-    best = Status(nms=ROBOTS, msr=ROBOTS, hops=ROBOTS, reports_made=TICK, reports_buffered=TICK, reports_discarded=1)
+    best = Status(nms=ROBOTS, msr=ROBOTS, hops=ROBOTS, reports_made=TICK, reports_buffered=TICK, reports_discarded=1,
+        newest_scan_tick=TICK,
+    )  # fmt: skip
     assert word(1, Motion(TICK, 0.0, 0.0, best)) == Motion(TICK, 0.0, 0.0, best)
 
 

@@ -207,6 +207,7 @@ def test_a_planned_absence_is_no_lost_path_and_counts_apart() -> None:
     final = run.world.final()
     assert final["planned_absences"] == {"count": 2, "fraction": 12 / 40, "longest_s": 0.7}
     assert final["connected_fraction"] == (8 + 5) / 40
+    assert final["longest_absence_s"] == 1.5, "a lost path counts among the absences"
 
 
 def test_interrupted_and_failed() -> None:
@@ -231,6 +232,29 @@ def test_final_counts() -> None:
     assert final["scan_reports"] == {"made": 18, "buffered": 3, "discarded": 1}
     assert final["connected_fraction"] == pytest.approx((20 + 5) / (20 + 15))
     assert final["max_hops"] == 2
+    assert final["longest_absence_s"] == 1.0, "who takes no part is not absent from the network"
+
+
+def test_when_each_scan_was_made_is_kept_by_incarnation() -> None:
+    run = Run(config(2, faults=(Fault("restart", 1.0, "2", 0.5),)))
+    for made, scan_tick in ((0, 0), (1, 0), (1, 0), (2, 3), (3, 3)):
+        run.status[2] = Status(nms=0, hops=1, reports_made=made, reports_buffered=0, newest_scan_tick=scan_tick)
+        run.tick()
+    run.until(14)
+    run.status[2] = Status(nms=0, hops=1, reports_made=1, newest_scan_tick=15)
+    run.until(16)
+    run.status[2] = Status(nms=0, hops=1, reports_made=0)
+    run.until(17)
+    assert run.world.final()["scan_ticks"] == {"2/0": [0, 3, 3], "2/1": [15]}
+
+
+def test_what_robots_walk_is_what_they_come_forward() -> None:
+    run = Run(config(2, starts_m=((1.5, 1.5), (3.5, 3.5))))
+    before = run.tick().snapshot.xy_m
+    run.velocity = {1: (0.2, 0.0), 2: (0.0, -0.1)}
+    after = run.until(11).snapshot.xy_m
+    assert np.hypot(*(after - before).T).sum() == pytest.approx(10 * (0.02 + 0.01))
+    assert run.world.final()["walked_m"] == 0.3
 
 
 def test_two_worlds_are_the_same_to_the_bit() -> None:

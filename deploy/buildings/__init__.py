@@ -1,0 +1,1 @@
+"""What policies are worth on plans like real buildings: the table of the study `buildings`, claims, and its page."""
