@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fau
 from world.config import Fault
 from world.faults import check_fault, parse_fault
 
-__all__ = ["load"]
+__all__ = ["load", "with_faults"]
 
 
 def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_faults: bool = True) -> Scenario:
@@ -56,6 +56,21 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
         raise ScenarioError(f"{shown(source)}: {error}") from None
     except RecursionError:
         raise ScenarioError(f"{shown(source)}: its lists or tables are nested too deeply") from None
+
+
+def with_faults(scenario: Scenario, more: Sequence[Any]) -> Scenario:
+    """The scenario with further faults after its own.
+
+    Args:
+        scenario: as it is.
+        more: tables, texts in the form of the command line, or `Fault`.
+
+    Raises:
+        ScenarioError: one of them is wrong, or does not fit the scenario; one line.
+    """
+    tables = _with_faults(scenario.tables, more)
+    _check(tables)
+    return Scenario(tables, scenario.arena)
 
 
 def _apply_policy(raw: dict[str, Any]) -> None:
