@@ -13,13 +13,12 @@ from typing import IO, Any, Final
 
 from bus.excerpt import shown
 from deploy.branching.trunk import LENGTH, Branch, Order, run_to_the_end
-from deploy.scenario import Scenario, ScenarioError, with_faults
+from deploy.scenario import Scenario, ScenarioError, with_changes
 from deploy.simulation import Result
-from world.config import Fault
 from world.faults import describe
 from world.terms import tick_of
 
-__all__ = ["BranchError", "answers", "branch", "faults_from"]
+__all__ = ["BranchError", "answers", "branch"]
 
 _TRUNK: Final = """
 import json, sys
@@ -41,38 +40,37 @@ def branch(
 ) -> list[Result]:
     """Run a scenario to a moment once, and go on from there with each of several futures.
 
-    A result, its digest too, is that of a run of the scenario with these faults from the start.
+    A result, its digest too, is that of a run of the scenario with these faults and changes from the start.
 
     Args:
         scenario: of the common past.
         at_s: the moment, in simulated seconds: what it changes acts at this tick or later.
-        changes: for each branch the faults that are added to those of the scenario: texts in the form of the command
-            line ("kill:4@60"), tables as in [[fault]], or `Fault`. None of them gives the run as it is.
+        changes: for each branch what is added to the faults and changes of the scenario: texts in the form of the
+            command line ("kill:4@60"), tables as in [[fault]] and [[change]], `Fault`, or `Change`. None of them gives
+            the run as it is.
         at_once: most branches under way; None: one per core.
 
     Raises:
-        ScenarioError: a fault is wrong, or acts before `at_s`; one line.
+        ScenarioError: a fault or a change is wrong, or acts before `at_s`; one line.
         BranchError: a branch did not come to its end, as by an exception of a policy.
     """
     tick = tick_of(at_s)
-    branches = [Branch(str(i), tick, faults_from(scenario, at_s, faults)) for i, faults in enumerate(changes)]
+    branches = [Branch(str(i), tick, _future(scenario, at_s, more)) for i, more in enumerate(changes)]
     order = Order(scenario, branches, run_to_the_end, at_once or os.cpu_count() or 1, keeps=True)
     told = dict(answers(order))
     return [Result(*told[each.key]) for each in branches]
 
 
-def faults_from(scenario: Scenario, at_s: float, faults: Sequence[Any]) -> tuple[Fault, ...]:
-    """The faults of a branch, checked against the scenario and the moment.
-
-    Raises:
-        ScenarioError: one does not fit; one line.
-    """
-    own = len(scenario.tables.fault)
-    more = with_faults(scenario, faults).tables.fault[own:]
-    for fault in more:
+def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
+    future = with_changes(scenario, more)
+    own = scenario.tables
+    for fault in future.tables.fault[len(own.fault) :]:
         if tick_of(fault.at_s) < tick_of(at_s):
             raise ScenarioError(f"fault '{describe(fault)}' acts before the branch at at_s = {at_s:g}")
-    return more
+    for change in future.tables.change[len(own.change) :]:
+        if tick_of(change.at_s) < tick_of(at_s):
+            raise ScenarioError(f"a change at at_s = {change.at_s:g} acts before the branch at at_s = {at_s:g}")
+    return future
 
 
 def answers(order: Order) -> Iterator[tuple[str, Any]]:

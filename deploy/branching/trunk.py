@@ -27,9 +27,8 @@ from typing import IO, Any, Final, NoReturn, TypeAlias
 from deploy.failures import Crash
 from deploy.machine.interrupts import TO_ALL, end_with
 from deploy.processes.collector import collect_rarely
-from deploy.scenario import Scenario, with_faults
+from deploy.scenario import Scenario
 from deploy.simulation import Simulation
-from world.config import Fault
 from world.feed import Snapshot
 
 __all__ = ["LENGTH", "Branch", "Order", "Past", "Task", "main"]
@@ -47,8 +46,8 @@ class Branch:
     key: str
     tick: int
     """Where it leaves the trunk."""
-    faults: tuple[Fault, ...]
-    """Those of the scenario do not stand here; none acts before `tick`."""
+    scenario: Scenario
+    """That of the trunk, with more faults and changes after its own, none of which acts before `tick`."""
 
 
 @dataclass
@@ -155,11 +154,12 @@ class Trunk:
     def _answer(self, branch: Branch) -> tuple[bool, Any]:
         try:
             past = self._past
-            if self._over:  # with these faults the run may go on, as where one of them brings a robot back
-                past = Past(Simulation(with_faults(self._order.scenario, branch.faults)), [])
+            if self._over:  # in this branch the run may go on, as where a fault brings a robot back
+                past = Past(Simulation(branch.scenario), [])
             else:
-                for fault in branch.faults:
+                for fault in branch.scenario.tables.fault[len(self._order.scenario.tables.fault) :]:
                     past.simulation.world.schedule(fault)
+                past.simulation.medium.plan(branch.scenario.medium_config().changes, branch.tick)
             return True, self._order.task(past, branch)
         except Exception as error:  # such as one of a user's policy
             return False, Crash.of(error).headline

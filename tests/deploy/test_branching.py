@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -15,23 +16,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deploy.branching import BranchError, branch
-from deploy.scenario import Scenario, ScenarioError, load, with_faults
+from deploy.scenario import Scenario, ScenarioError, load, parse_set, with_changes
 from deploy.simulation import Result, Simulation
 from tests import ROOT
 from tests.helpers.waiting import alive, wait_until
 
 SHORT = {"robots": 4, "radius_m": 9.0, "duration_s": 20.0}
-FAULTS = st.lists(
-    st.sampled_from(
-        ["kill:random@{}", "kill:sr:far@{}", "kill:relay:first@{}", "restart:2@{}+3", "pause:1@{}+2.5", "jam:0,1@{}+4",
-         "loss:0.5@{}+2", "restart:station@{}+3"]
-    ),
-    min_size=1, max_size=3,
+FORMS = (
+    "kill:random@{}", "kill:sr:far@{}", "kill:relay:first@{}", "restart:2@{}+3", "pause:1@{}+2.5", "jam:0,1@{}+4",
+    "loss:0.5@{}+2", "restart:station@{}+3", "radio.loss=0.4", "radio.model=disk_los", "radio.burst_share=0.3",
 )  # fmt: skip
 
 
-def from_the_start(scenario: Scenario, faults: list[str]) -> Result:
-    return Simulation(with_faults(scenario, faults)).run()
+def at(form: str, at_s: float) -> Any:
+    _, is_change, _ = form.partition("=")
+    if not is_change:
+        return form.format(at_s)
+    return {"at_s": at_s, "set": dict([parse_set(form)])}
+
+
+def from_the_start(scenario: Scenario, faults: list[Any]) -> Result:
+    return Simulation(with_changes(scenario, faults)).run()
 
 
 def same(left: Result, right: Result) -> bool:
@@ -44,14 +49,18 @@ def same(left: Result, right: Result) -> bool:
 @settings(max_examples=3)
 @given(
     st.sampled_from(["vds", "scout"]), st.integers(0, 50), st.integers(1, 120),
-    st.lists(st.tuples(FAULTS, st.integers(0, 60)), min_size=1, max_size=3),
+    st.lists(
+        st.tuples(st.lists(st.sampled_from(FORMS), min_size=1, max_size=3), st.integers(0, 60)),
+        min_size=1, max_size=3,
+    ),
 )  # fmt: skip
 def test_a_branch_is_a_run_of_its_scenario_from_the_start(
-    policy: str, seed: int, at: int, drawn: list[tuple[list[str], int]]
+    policy: str, seed: int, tick: int, drawn: list[tuple[list[str], int]]
 ) -> None:
     scenario = load("three_cells", SHORT | {"policy": policy, "seed": seed, "fault": ["kill:random@8"]})
-    futures = [[fault.format((at + later) / 10) for fault in faults] for faults, later in drawn]
-    for result, faults in zip(branch(scenario, at / 10, futures), futures, strict=True):
+    scenario = with_changes(scenario, [{"at_s": 6.0, "set": {"radio.loss": 0.1}}])
+    futures = [[at(form, (tick + later) / 10) for form in forms] for forms, later in drawn]
+    for result, faults in zip(branch(scenario, tick / 10, futures), futures, strict=True):
         assert same(result, from_the_start(scenario, faults))
 
 
@@ -74,6 +83,8 @@ def test_what_a_branch_cannot_do_is_refused_in_one_line() -> None:
     scenario = load("three_cells", SHORT)
     with pytest.raises(ScenarioError, match=r"'kill:2@9\.9' acts before the branch at at_s = 10$"):
         branch(scenario, 10.0, [["kill:2@9.9"]])
+    with pytest.raises(ScenarioError, match=r"a change at at_s = 9 acts before the branch at at_s = 10$"):
+        branch(scenario, 10.0, [[{"at_s": 9.0, "set": {"radio.loss": 0.1}}]])
     with pytest.raises(ScenarioError, match="there are only robots 1 to 4"):
         branch(scenario, 10.0, [["kill:5@12"]])
     with pytest.raises(ScenarioError, match="not within the run's duration_s = 20"):
