@@ -8,7 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import IO, Any, Final
 
 from bus.excerpt import shown
@@ -73,7 +73,7 @@ def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
     return future
 
 
-def answers(order: Order) -> Iterator[tuple[str, Any]]:
+def answers(order: Order) -> Generator[tuple[str, Any], None, None]:
     """The key of each branch and what its task returned, as they end. Closing the iterator ends what is under way.
 
     Raises:
