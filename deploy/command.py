@@ -1,4 +1,4 @@
-"""What the commands run_local, ctl, study and report share: their parser, their one-line refusals, and their Python.
+"""What the commands share (run_local, ctl, study, report, whatif): parser, one-line refusals, and their Python.
 
 A command is a script. Any Python may start it, even one without the packages that it needs. Python puts the script's
 folder on the path, where the files of this package would be modules of other names. So a command replaces that folder

@@ -33,18 +33,13 @@ class BadInputError(Exception):
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser, a_number, a_whole_number
+    from deploy.command import Parser, a_whole_number
+    from deploy.scenario_options import add_scenario_options
 
     p = Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
-    p.add_argument("--robots", type=a_whole_number, metavar="N", help="how many robots (default: the scenario's)")
+    add_scenario_options(p)
     p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
-    p.add_argument("--radius", type=a_number, metavar="M", help="transmission radius r_t in metres")
-    p.add_argument("--seed", type=a_whole_number, metavar="N", help="of everything random")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
-    p.add_argument("--duration", type=a_number, metavar="S", help="simulated seconds after which the run ends")
-    p.add_argument("--policy", metavar="NAME", help="rules of the robots: vds, scout, sortie, or module:Class")
-    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of a scenario")
-    p.add_argument("--fault", action="append", default=[], metavar="VERB:TARGET@T[+D]", help="e.g. kill:relay:mid@90")
     p.add_argument(
         "--replay-faults", type=Path, metavar="RUN_DIR",
         help="all that befell an earlier run, by schedule or by hand (and its scenario, unless --scenario is given)",
@@ -125,21 +120,13 @@ def _refuse_in_process(options: argparse.Namespace) -> None:
 
 def _scenario(options: argparse.Namespace) -> Scenario:
     from deploy.run_folder.baseline import faults_of
-    from deploy.scenario import load, parse_set
+    from deploy.scenario import load
+    from deploy.scenario_options import overrides_of
 
     replay: Path | None = options.replay_faults
-    given = {
-        "robots": options.robots,
-        "radius_m": options.radius,
-        "seed": options.seed,
-        "duration_s": options.duration,
-        "speed": _speed(options.speed),
-        "policy": options.policy,
-        "fault": options.fault or None,
-    }
+    speed = _speed(options.speed)
     try:
-        overrides = dict(parse_set(text) for text in options.set)
-        overrides |= {key: value for key, value in given.items() if value is not None}
+        overrides = overrides_of(options) | ({} if speed is None else {"speed": speed})
         if replay is None:
             return load(options.scenario or "three_cells", overrides)
         overrides["fault"] = faults_of(replay) + options.fault

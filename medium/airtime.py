@@ -29,12 +29,16 @@ class Airtime:
     """What each node may still send."""
 
     def __init__(self, radio: Radio) -> None:
-        self.limited = radio.limited
-        self._own_bytes = UNLIMITED if radio.bandwidth_bytes_s is None else radio.bandwidth_bytes_s * TICK_S
-        self._channel_bytes = None if radio.channel_bytes_s is None else radio.channel_bytes_s * TICK_S
+        self.tune(radio)
         self._left: dict[int, float] = {}
         """By node: bytes that it may send. A node that never heard how many those are has none."""
         self._share: dict[int, float] = {}
+
+    def tune(self, radio: Radio) -> None:
+        """Let each tick add what this radio has, from the next `refill` on."""
+        self.limited = radio.limited
+        self._own_bytes = UNLIMITED if radio.bandwidth_bytes_s is None else radio.bandwidth_bytes_s * TICK_S
+        self._channel_bytes = None if radio.channel_bytes_s is None else radio.channel_bytes_s * TICK_S
 
     def told(self, node: int) -> tuple[int, int]:
         """Whole bytes that a node may send in the coming tick, and how many each tick adds."""

@@ -96,3 +96,6 @@ class MediumConfig:
     occupied: NDArray[np.bool_]
     """(rows, cols) walls; only `disk_los` and `log_distance` look at them."""
     radio: Radio = field(default_factory=Radio)
+    """At the start."""
+    changes: tuple[tuple[int, Radio], ...] = ()
+    """(tick, the radio from that tick on), ascending by tick."""

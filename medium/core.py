@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medium.airtime import Airtime
-from medium.config import MediumConfig
+from medium.config import MediumConfig, Radio
 from medium.fading import Bursts
 from medium.messages import BROADCAST, Frame, Inbox, Reception, Transmission
 from medium.propagation import Propagation
@@ -31,15 +32,27 @@ class Medium:
 
     def __init__(self, config: MediumConfig) -> None:
         self._config = config
-        self._propagation = Propagation(config)
+        self._to_come = list(config.changes)
+        self._airtime = Airtime(config.radio)
+        self._tune(config.radio)
         self._random = sequence(config.seed, Stream.LOSS)
         self._trace = hashlib.sha256()
         self.sent = 0
         self.delivered = 0
         self.rejected = 0
         self.sent_bytes = 0
-        self._airtime = Airtime(config.radio)
-        self._bursts = Bursts(config.seed, config.robots, config.radio) if config.radio.burst_share > 0.0 else None
+
+    def plan(self, changes: Sequence[tuple[int, Radio]], tick: int) -> None:
+        """Replace the changes that are to come by those of `changes` from `tick` on, the next that this core steps."""
+        self._to_come = [change for change in changes if change[0] >= tick]
+
+    def _tune(self, radio: Radio) -> None:
+        """Let the radio have these values from now on."""
+        config = self._config
+        self._radio = radio
+        self._propagation = Propagation(dataclasses.replace(config, radio=radio))
+        self._airtime.tune(radio)
+        self._bursts = Bursts(config.seed, config.robots, radio) if radio.burst_share > 0.0 else None
 
     def step(self, positions: Positions, transmissions: Mapping[int, Transmission]) -> dict[int, Inbox]:
         """Carry the frames of tick k; returns the inboxes of tick k + 1, one for each node that transmitted.
@@ -48,6 +61,8 @@ class Medium:
             positions: the roster of tick k and its true places.
             transmissions: by node; a node of the roster that has none departed during the tick.
         """
+        while self._to_come and self._to_come[0][0] <= positions.tick:
+            self._tune(self._to_come.pop(0)[1])
         ids = positions.nodes.tolist()
         self._record(positions, transmissions)
         power, heard = self._propagation.received(positions.nodes, positions.xy_m, positions.tick)
@@ -68,7 +83,7 @@ class Medium:
     ) -> list[list[tuple[int, float, float]]]:
         """By sender, in the order of the roster: (node, power there, chance that a frame is lost) of who hears it."""
         senders, receivers = np.nonzero(heard)
-        nodes, radio = positions.nodes, self._config.radio
+        nodes, radio = positions.nodes, self._radio
         kept = np.full(len(senders), (1.0 - radio.loss) * (1.0 - positions.loss))
         if self._bursts is not None:
             bad = self._bursts.bad(positions.tick)[nodes[senders], nodes[receivers]]

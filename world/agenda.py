@@ -19,17 +19,21 @@ class Agenda:
     def __init__(self, faults: Sequence[Fault]) -> None:
         """`faults`: those of the scenario."""
         self._scheduled: dict[int, list[Fault]] = {}
-        for fault in faults:
-            self._scheduled.setdefault(tick_of(fault.at_s), []).append(fault)
         self._by_hand: list[Fault] = []
         self._jams: list[tuple[int, Jam]] = []
         """(first tick without it, jam)"""
         self._losses: list[tuple[int, float]] = []
         """(first tick without it, probability)"""
+        for fault in faults:
+            self.schedule(fault)
 
     def add(self, fault: Fault) -> None:
         """Note a fault by hand: it is due at the next tick."""
         self._by_hand.append(fault)
+
+    def schedule(self, fault: Fault) -> None:
+        """Add a fault to those of the scenario, after those that are due at the same tick."""
+        self._scheduled.setdefault(tick_of(fault.at_s), []).append(fault)
 
     def due(self, tick: int) -> bool:
         """Whether a fault acts at `tick`."""

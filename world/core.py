@@ -152,6 +152,17 @@ class World:
         check_fault(fault, self._config.robots)
         self._agenda.add(fault)
 
+    def schedule(self, fault: Fault) -> None:
+        """Add a fault to those of the scenario, as its last. It acts at its own time, which has not passed.
+
+        Raises:
+            ValueError: that time has passed, or the fault does not fit this run; one line.
+        """
+        check_fault(fault, self._config.robots, self._config.duration_s)
+        if tick_of(fault.at_s) < self.tick:
+            raise ValueError(f"{describe(fault)}: the run is at {seconds_of(self.tick):g} s already")
+        self._agenda.schedule(fault)
+
     # A tick
 
     def begin(self) -> Begin:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Baseline", "faults_of"]
 
-_NO_MATTER = ("name", "description", "fault", "speed", "deadlines", "duration_s")
+_NO_MATTER = ("name", "description", "fault", "change", "speed", "deadlines", "duration_s")
 """Keys of a scenario in which two runs may differ and still be compared."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from agents.policies import PolicyError, policy_class
 from bus.excerpt import shown
 from bus.numerals import decimal
 from deploy.scenario.arena import survey
+from deploy.scenario.changes import is_change, radio_changes, with_more
 from deploy.scenario.files import located, read_source
 from deploy.scenario.name import check_name
 from deploy.scenario.scenario import Scenario
@@ -19,7 +20,7 @@ from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fau
 from world.config import Fault
 from world.faults import check_fault, parse_fault
 
-__all__ = ["load"]
+__all__ = ["load", "with_changes"]
 
 
 def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_faults: bool = True) -> Scenario:
@@ -56,6 +57,22 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
         raise ScenarioError(f"{shown(source)}: {error}") from None
     except RecursionError:
         raise ScenarioError(f"{shown(source)}: its lists or tables are nested too deeply") from None
+
+
+def with_changes(scenario: Scenario, more: Sequence[Any]) -> Scenario:
+    """The scenario with further faults and changes after its own.
+
+    Args:
+        scenario: as it is.
+        more: tables as in [[fault]] or [[change]], texts in the form of the command line, `Fault`, or `Change`.
+
+    Raises:
+        ScenarioError: one of them is wrong, or does not fit the scenario; one line.
+    """
+    faults = [each for each in more if not is_change(each)]
+    tables = with_more(_with_faults(scenario.tables, faults), [each for each in more if is_change(each)])
+    _check(tables)
+    return Scenario(tables, scenario.arena)
 
 
 def _apply_policy(raw: dict[str, Any]) -> None:
@@ -120,6 +137,7 @@ def _check(tables: Tables) -> None:
         tables.radio.check()
     except ValueError as error:
         raise ScenarioError(f"radio.{error}") from None
+    radio_changes(tables)
     for i, fault in enumerate(tables.fault, 1):
         try:
             check_fault(fault, tables.robots, tables.duration_s)

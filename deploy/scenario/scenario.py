@@ -12,6 +12,7 @@ import tomli_w
 from agents.config import POWER_SMOOTHING_S, RobotConfig
 from bus.excerpt import shown
 from deploy.scenario.arena import Arena
+from deploy.scenario.changes import radio_changes
 from deploy.scenario.tables import Tables
 from medium.config import MediumConfig
 from monitor_station.config import RecorderConfig, StationConfig
@@ -105,6 +106,7 @@ class Scenario:
             geometry=arena.geometry,
             occupied=arena.occupied,
             radio=tables.radio,
+            changes=radio_changes(tables),
         )
 
     def robot_config(self, node: int) -> RobotConfig:

@@ -23,10 +23,11 @@ from bus.excerpt import shown
 from medium.config import NEAREST_M, Radio
 from world.config import Fault, Lidar
 from world.grid.geometry import MAX_CELLS
-from world.terms import MOST, Positive
+from world.terms import MOST, NotNegative, Positive
 
 __all__ = [
     "Cell",
+    "Change",
     "Deadlines",
     "FloorPlan",
     "ScenarioError",
@@ -111,6 +112,15 @@ class Deadlines:
 
 
 @dataclass(frozen=True)
+class Change:
+    """A change of the radio during a run. The robots are not told: what they know of it is that of the start."""
+
+    at_s: NotNegative
+    set: Annotated[dict[str, Any], MinLen(1)]
+    """Values by key, such as { "radio.loss" = 0.1 }. They hold until another change, or the end."""
+
+
+@dataclass(frozen=True)
 class Tables:
     """A scenario file as it stands, defaults filled in."""
 
@@ -142,6 +152,7 @@ class Tables:
     rules: Rules = field(default_factory=Rules)
     deadlines: Deadlines = field(default_factory=Deadlines)
     fault: tuple[Fault, ...] = ()
+    change: Annotated[tuple[Change, ...], MaxLen(1000)] = ()
 
 
 def nearest(name: str, known: Sequence[str]) -> str:

@@ -68,6 +68,7 @@ def test_round_trip_through_toml(name: str, tmp_path: Path) -> None:
             "radio.model": "log_distance",
             "radio.shadowing_db": 4.0,
             "rules.routing.sticky": False,
+            "change": [{"at_s": 9.5, "set": {"radio.loss": 0.25, "radio.fading": "rician"}}],
             "fault": ["kill:relay:mid@90", "pause:4@60+5", "jam:3,4@50+10", "jam:10,10,20,20@50+10", "loss:0.3@5+1"],
         },
     )
@@ -246,6 +247,19 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"fault": ["kill:4@5000"]}, "not within the run's duration_s = 4000"),
     ({"fault": ["kill:4@5+3"]}, "kill is for good"),
     ({"fault": ["restart:4@5"]}, "needs a duration"),
+    ({"change": [{"at_s": 5.0, "set": {"policy": "scout"}}]}, r"change\[1\]: 'policy' can't change during a run: only"),
+    (
+        {"change": [{"at_s": 5.0, "set": {"radio.los": 1}}]},
+        r"change\[1\]: unknown key 'los' in \[radio\], did you mean",
+    ),
+    ({"change": [{"at_s": 5.0, "set": {"radio.loss": 2}}]}, r"change\[1\]: radio.loss = 2: should be less"),
+    (
+        {"change": [{"at_s": 5.0, "set": {"radio.fading": "rician"}}]},
+        r'change\[1\]: radio.fading = "rician" needs model',
+    ),
+    ({"change": [{"at_s": 5.0, "set": {"radio.channel_bytes_s": 9e3}}]}, r"change\[1\]: robots know from the start"),
+    ({"change": [{"at_s": 5e3, "set": {"radio.loss": 0.1}}]}, "at_s = 5000 is not within the run's duration_s = 4000"),
+    ({"change": [{"at_s": 5.0, "set": {}}]}, r"change\[1\].set = {}: "),
     ({"fault": [{"verb": "kil", "at_s": 1.0, "target": "4"}]}, r"fault\[1\].verb = 'kil'"),
     ({"fault": [{"verb": "kill", "at": 1.0, "target": "4"}]}, r"unknown key 'at' in \[fault\[1\]\]"),
 ]

@@ -69,6 +69,14 @@ def healed(verdict: dict[str, Any], *, least: int = 1) -> bool:
     )
 
 
+def test_the_radio_changes_alike_in_one_process_and_in_many(emulation: Start) -> None:
+    change = [{"at_s": 3.0, "set": {"radio.loss": 0.3, "radio.burst_share": 0.2}}]
+    alone = Simulation(load(CORRIDOR, {"duration_s": 6.0, "change": change})).run()
+    run = emulation(CORRIDOR, duration_s=6.0, change=change)
+    assert run.summary["trace_sha256"] == alone.trace_sha256
+    assert alone.trace_sha256 != Simulation(load(CORRIDOR, {"duration_s": 6.0})).run().trace_sha256
+
+
 def test_a_relay_in_the_middle_is_killed(emulation: Start) -> None:
     (verdict,) = played(emulation, "kill:relay:mid@24")
     assert healed(verdict)
