@@ -65,7 +65,7 @@ class Shell:
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
         self._pace = Pace(config.speed, time.monotonic, held=config.held)
-        self._control = Control(self._pace, config.robots, self._status)
+        self._control = Control(self._pace, config.robots, self._status, config.external)
         # Who is there.
         self._nodes = range(config.robots + 1)
         self._attendance = Attendance()

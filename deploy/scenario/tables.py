@@ -29,6 +29,7 @@ __all__ = [
     "Cell",
     "Deadlines",
     "FloorPlan",
+    "Robot",
     "ScenarioError",
     "StationPlace",
     "Tables",
@@ -88,6 +89,15 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Robot:
+    """What is particular about one robot."""
+
+    id: Annotated[int, Ge(1), Le(1000)]
+    external: bool = False
+    """Its process is none of the launcher's: a program of anybody's that reads its credentials file (docs/wire.md)."""
+
+
+@dataclass(frozen=True)
 class Victims:
     """The victims to be found."""
 
@@ -142,6 +152,8 @@ class Tables:
     rules: Rules = field(default_factory=Rules)
     deadlines: Deadlines = field(default_factory=Deadlines)
     fault: tuple[Fault, ...] = ()
+    robot: Annotated[tuple[Robot, ...], MaxLen(1000)] = ()
+    """Those about which there is something to say."""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
