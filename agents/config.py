@@ -269,18 +269,25 @@ class RobotConfig:
     """One robot, or the DSDV node of the MS, which does not move."""
 
     node: int
+    """Its id."""
     seed: int
+    """Of the run; what a robot draws comes from it alone (`world/seeds.py`)."""
     geometry: GridGeometry
     """The grid that all maps of the run share, in global coordinates [paper 2.2]."""
     station_m: tuple[float, float]
+    """Where the MS is."""
     safety_zone_m: tuple[float, float, float, float]
     """x0, y0, x1, y1: known free from the start."""
     radius_m: float
     """r_t."""
     lidar_range_m: float
+    """What a beam says that hits nothing."""
     lidar_beams: int
+    """Ranges of a scan."""
     tx_power_dbm: float
+    """With which every node sends."""
     loss_1m_db: float
+    """Path loss over the first metre."""
     exponent: float
     """Path-loss exponent of the curve that turns received power into distance [paper 5.4]."""
     robots: int = MAX_NODE
@@ -300,3 +307,4 @@ class RobotConfig:
     policy: str = "vds"
     """Who decides: vds, scout, sortie, or module:Class (agents/policies.py)."""
     rules: Rules = field(default_factory=Rules)
+    """Parameters of the rules: `[rules]` of the scenario."""

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from bus.codec import WireError, head
+from bus.codec import WireError, head, pack, text, unpack
 
-__all__ = ["NO_TICK", "Answer", "Flood", "Moves", "Opening", "Turn"]
+__all__ = ["NO_TICK", "Answer", "Flood", "Moves", "Opening", "Refused", "Turn"]
 
 NO_TICK: Final = -1
 
@@ -183,3 +183,19 @@ class Flood:
         if len(data) != _FLOOD.size:
             raise WireError("a flood is a node")
         return Flood(*_FLOOD.unpack(data))
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """World -> one process of a node: it takes no part, and why. All versions of the wire have it in this form."""
+
+    why: str
+    """One line for its user."""
+
+    def encode(self) -> bytes:
+        return pack((self.why,))
+
+    @staticmethod
+    def decode(data: bytes) -> Refused:
+        (why,) = unpack(data, 1)
+        return Refused(text(why))

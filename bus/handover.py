@@ -20,7 +20,7 @@ from bus.excerpt import shown
 from bus.keys import check_run
 from bus.user_file import read_text
 
-__all__ = ["UNFIT", "Handover", "build", "plain", "read", "write"]
+__all__ = ["UNFIT", "Handover", "build", "contents", "plain", "read", "write"]
 
 UNFIT: Final = (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 """What a file that is no such file may lead to."""
@@ -42,7 +42,12 @@ def write(path: Path, login: Login, **entries: Any) -> None:
     """Write the file for one process. Each entry is a dataclass, of JSON types, or None."""
     path.touch(mode=0o600)
     path.chmod(0o600)
-    path.write_text(json.dumps({"login": plain(login)} | {name: plain(entry) for name, entry in entries.items()}))
+    path.write_text(contents(login, **entries))
+
+
+def contents(login: Login, **entries: Any) -> str:
+    """What `write` writes."""
+    return json.dumps({"login": plain(login)} | {name: plain(entry) for name, entry in entries.items()})
 
 
 def read(path: Path, *, connect: str | None = None) -> Handover:

@@ -15,14 +15,20 @@ from typing import Final, Literal
 
 from bus.codec import WireError
 from bus.excerpt import shown
+from bus.nodes import node_name
 
-__all__ = ["ANY", "ROWS", "Keys", "Row", "Token", "check_run"]
+__all__ = ["ANY", "ROWS", "WIRE_VERSION", "Keys", "Row", "Token", "check_run"]
+
+WIRE_VERSION: Final = 1
+"""Version of all keys and encodings (docs/wire.md). It is in every token; a process of another version is refused."""
 
 ANY: Final = "*"
 """Stands for every node, role or incarnation in a subscription."""
 
 _NODE: Final = re.compile(r"/(?P<node>[0-9]{1,5})\Z")
-_TOKEN: Final = re.compile(r"/alive/(?P<role>[a-z]+)/(?P<node>[0-9]{1,5})/(?P<incarnation>[0-9a-f]{8})\Z")
+_TOKEN: Final = re.compile(
+    r"/alive/(?P<role>[a-z]+)/(?P<node>[0-9]{1,5})/(?P<version>[0-9]{1,5})/(?P<incarnation>[0-9a-f]{8})\Z"
+)
 
 Kind = Literal["put", "query", "token"]
 Party = Literal["world", "medium", "station", "robot", "node", "operator"]
@@ -38,6 +44,8 @@ class Row:
     senders: tuple[Party, ...]
     receivers: tuple[Party, ...]
 
+
+_PROCESS: Final = "/{node}/{version}/{incarnation}"
 
 ROWS: Final[Mapping[str, Row]] = MappingProxyType({
     "word": Row("@sim/word/{node}", "put", ("world",), ("node",)),
@@ -56,24 +64,34 @@ ROWS: Final[Mapping[str, Row]] = MappingProxyType({
     "absence": Row("@sim/absence", "put", ("operator",), ("world",)),
     "final": Row("@sim/final/{process}", "put", ("world", "medium", "station"), ("operator",)),
     "control": Row("@sim/control", "query", ("operator",), ("world",)),
-    "world": Row("alive/world/{node}/{incarnation}", "token", ("world",), ("medium", "node", "operator")),
-    "medium": Row("alive/medium/{node}/{incarnation}", "token", ("medium",), ("world", "node", "operator")),
-    "station": Row("alive/station/{node}/{incarnation}", "token", ("station",), ("world", "medium", "operator")),
-    "robot": Row("alive/robot/{node}/{incarnation}", "token", ("robot",), ("world", "medium", "operator")),
-    "operator": Row("alive/operator/{node}/{incarnation}", "token", ("operator",), ("medium",)),
+    "world": Row("alive/world" + _PROCESS, "token", ("world",), ("medium", "node", "operator")),
+    "medium": Row("alive/medium" + _PROCESS, "token", ("medium",), ("world", "node", "operator")),
+    "station": Row("alive/station" + _PROCESS, "token", ("station",), ("world", "medium", "operator")),
+    "robot": Row("alive/robot" + _PROCESS, "token", ("robot",), ("world", "medium", "operator")),
+    "operator": Row("alive/operator" + _PROCESS, "token", ("operator",), ("medium",)),
 })  # fmt: skip
 """The methods of `Keys` say which message each key carries."""
 
 
 @dataclass(frozen=True)
 class Token:
-    """The liveliness token of one process: `alive/{role}/{node}/{incarnation}`."""
+    """The liveliness token of one process: `alive/{role}/{node}/{version}/{incarnation}`."""
 
     role: str
     node: int
     """Node id; 0 for every process that is no robot."""
     incarnation: int
     """Random at each process start, so that no two processes share a key."""
+    version: int = WIRE_VERSION
+    """Of the keys and encodings that the process speaks."""
+
+    @property
+    def mismatch(self) -> str:
+        """One line that names both versions if that process speaks another one than this process; else empty."""
+        if self.version == WIRE_VERSION:
+            return ""
+        name = node_name(self.node) if self.role == "robot" else self.role
+        return f"{name} speaks version {self.version} of the wire, not version {WIRE_VERSION}"
 
 
 def check_run(run: str) -> str:
@@ -100,11 +118,11 @@ class Keys:
 
     def key(self, name: str, **chunks: object) -> str:
         """Fill in the row `name` of ROWS; chunks that are not given become wildcards."""
-        fields = {"node": ANY, "process": ANY, "incarnation": ANY} | chunks
+        fields = {"node": ANY, "process": ANY, "version": ANY, "incarnation": ANY} | chunks
         return f"vds/{self.run}/{ROWS[name].pattern.format(**fields)}"
 
     def word(self, node: int | str) -> str:
-        """World -> that node: `Stop` or a refusal, each behind a header (`bus.lockstep.seal`)."""
+        """World -> that node: `Stop` or `Refused`, each behind a header (`bus.lockstep.seal`)."""
         return self.key("word", node=node)
 
     @property
@@ -182,13 +200,13 @@ class Keys:
         """Launcher, operator -> world: a command line; the answer is JSON."""
         return self.key("control")
 
-    def alive(self, role: str, node: int | str = ANY, incarnation: str = ANY) -> str:
+    def alive(self, role: str, node: int | str = ANY, incarnation: str = ANY, version: int | str = ANY) -> str:
         """Liveliness tokens of a role."""
-        return self.key(role, node=node, incarnation=incarnation)
+        return self.key(role, node=node, version=version, incarnation=incarnation)
 
     def token(self, token: Token) -> str:
         """The key of one token."""
-        return self.alive(token.role, token.node, f"{token.incarnation:08x}")
+        return self.alive(token.role, token.node, f"{token.incarnation:08x}", token.version)
 
     @staticmethod
     def kind_of(key: str) -> tuple[str, str]:
@@ -222,5 +240,5 @@ class Keys:
         """
         found = _TOKEN.search(key)
         if found is None:
-            raise WireError("a token ends in a role, a node and an incarnation")
-        return Token(found["role"], int(found["node"]), int(found["incarnation"], 16))
+            raise WireError("a token ends in a role, a node, a version and an incarnation")
+        return Token(found["role"], int(found["node"]), int(found["incarnation"], 16), int(found["version"]))

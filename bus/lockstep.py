@@ -36,7 +36,7 @@ class Kind(IntEnum):
     STOP = 2
     """`Stop`, to everybody. The medium answers as it does to a ping."""
     REFUSED = 3
-    """Empty: another living process is this node already."""
+    """`Refused`, to the one process that the header names."""
     PING = 4
     """Empty, to the medium, which passes on what has come in and then answers on its `pong` key."""
 

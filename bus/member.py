@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator
 from typing import Final, Generic, Protocol, Self, TypeVar
 
 from bus.codec import WireError
-from bus.envelopes import Answer, Turn
+from bus.envelopes import Answer, Refused, Turn
+from bus.excerpt import shown
 from bus.heartbeat import Heartbeat
 from bus.lockstep import Kind, seal, unseal
 from bus.malformed import Malformed
-from bus.nodes import node_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import BusError, Login, Mailbox, Session, new_token
 
@@ -49,7 +49,7 @@ class LostError(BusError):
 
 
 class RefusedError(BusError):
-    """Another living process is this node already."""
+    """Another living process is this node already, or the run speaks another version of the wire."""
 
 
 @contextlib.contextmanager
@@ -95,8 +95,15 @@ class Watch:
         session.watch(mailbox, *(session.keys.alive(role) for role in roles))
 
     def see(self, key: str, data: bytes | None) -> str | None:
-        """Note the coming or going of a token; returns the role that has just been lost."""
-        role = self._session.keys.token_of(key).role
+        """Note the coming or going of a token; returns the role that has just been lost.
+
+        Raises:
+            RefusedError: its process speaks another version of the wire.
+        """
+        token = self._session.keys.token_of(key)
+        if token.mismatch:
+            raise RefusedError(f"refused: {shown(token.mismatch)}")
+        role = token.role
         held = self._tokens[role]
         if data is not None:
             held.add(key)
@@ -165,7 +172,7 @@ class Member(Generic[S, I]):
 
         Raises:
             LostError: the world, the medium or the router is gone.
-            RefusedError: another living process is this node.
+            RefusedError: another living process is this node, or the run speaks another version of the wire.
         """
         mark, heartbeat = self.phases.mark, self._heartbeat
         while True:
@@ -221,9 +228,9 @@ class Member(Generic[S, I]):
 
     def _told(self, data: bytes) -> bool:
         """Take a message of the world; True if it ends the run."""
-        kind, token, _ = unseal(data)
+        kind, token, body = unseal(data)
         if kind == Kind.REFUSED and token == self._token.incarnation:
-            raise RefusedError(f"refused: another living process is already {node_name(self._token.node)}")
+            raise RefusedError(f"refused: {shown(Refused.decode(body).why, 200)}")
         self.over = kind == Kind.STOP
         if self.over:
             log.info("the world says that the run is over: this process ends")

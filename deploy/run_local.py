@@ -47,6 +47,10 @@ def parser() -> Parser:
     p.add_argument(
         "--compare", type=Path, metavar="RUN_DIR", help="a run without the fault: the summary tells the time lost"
     )
+    p.add_argument(
+        "--external", type=a_whole_number, action="append", default=[], metavar="ID",
+        help="a robot whose process is yours: the run waits for it (docs/wire.md)",
+    )  # fmt: skip
     p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="run folder, new or empty (default: a new one, runs/SCENARIO-TIME)"
@@ -88,6 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
             if options.live and options.no_recording:
                 raise BadInputError("--live watches the station record: not with --no-recording")
             scenario = _scenario(options)
+            if options.in_process and scenario.not_in_process:
+                raise BadInputError(scenario.not_in_process)
             baseline = _baseline(options.compare, scenario)
             endpoint = None if options.port is None else _endpoint(options.port)
             if not options.in_process:
@@ -95,7 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
             if interrupts.count:
                 return INTERRUPTED
             folder = held.enter_context(_folder(options, scenario, baseline))
-            scratch = None if options.in_process else held.enter_context(_scratch(folder))
+            scratch = None if options.in_process else held.enter_context(_scratch(folder, scenario))
         except BadInputError as error:
             return refuse("run_local.py", error)
         return _run(options, scenario, endpoint, folder, scratch, interrupts)
@@ -124,9 +130,9 @@ def _scenario(options: argparse.Namespace) -> Scenario:
     from deploy.scenario_options import overrides_of
 
     replay: Path | None = options.replay_faults
-    speed = _speed(options.speed)
+    own = {"speed": _speed(options.speed), "external": options.external or None}
     try:
-        overrides = overrides_of(options) | ({} if speed is None else {"speed": speed})
+        overrides = overrides_of(options) | {key: value for key, value in own.items() if value is not None}
         if replay is None:
             return load(options.scenario or "three_cells", overrides)
         overrides["fault"] = faults_of(replay) + options.fault
@@ -191,14 +197,15 @@ def _folder(options: argparse.Namespace, scenario: Scenario, baseline: Baseline 
         raise BadInputError(f"--out {error}") from error
 
 
-def _scratch(folder: RunFolder) -> Scratch:
-    """What must not outlive the run, its operator's password included."""
+def _scratch(folder: RunFolder, scenario: Scenario) -> Scratch:
+    """What must not outlive the run, passwords of its operator and of external robots included."""
     from deploy.machine.scratch import Scratch, ScratchError
-    from deploy.processes.operator_file import OPERATOR
+    from deploy.processes.operator_file import OPERATOR, credentials_name
 
     path = folder.path.resolve()
     try:
-        return Scratch([path / OPERATOR, path / f"{OPERATOR}.part"])
+        names = [OPERATOR, *map(credentials_name, scenario.external)]
+        return Scratch([path / name for file in names for name in (file, f"{file}.part")])
     except ScratchError as error:
         folder.discard()
         raise BadInputError(str(error)) from error

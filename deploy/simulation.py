@@ -96,6 +96,13 @@ class Simulation:
     """One run of a scenario in this process."""
 
     def __init__(self, scenario: Scenario, observer: Observer | None = None) -> None:
+        """Make all cores.
+
+        Raises:
+            ValueError: a robot is external; one line.
+        """
+        if scenario.not_in_process:
+            raise ValueError(scenario.not_in_process)
         self._scenario = scenario
         self._observer = observer or Observer()
         self.world = World(scenario.world_config())

@@ -18,9 +18,10 @@ import msgpack
 from bus.breaker import Breaker
 from bus.codec import WireError
 from bus.envelopes import NO_TICK, Answer, Flood, Moves, Opening, Turn
+from bus.excerpt import shown
 from bus.lockstep import Gather, Kind, unseal
 from bus.malformed import Malformed
-from bus.member import LATE_STOP_S, LostError, exit_status
+from bus.member import LATE_STOP_S, LostError, RefusedError, exit_status
 from bus.nodes import node_name
 from bus.phases import REPORT_TICKS, Phases
 from bus.session import Login, Mailbox, Put, Session, new_token
@@ -177,7 +178,10 @@ class Shell:
         self._put_event(Event(tick, "fault", node, words).encode())
 
     def _token_changed(self, key: str, *, present: bool) -> None:
-        role = self._session.keys.token_of(key).role
+        token = self._session.keys.token_of(key)
+        role = token.role
+        if role == "world" and token.mismatch:
+            raise RefusedError(f"refused: {shown(token.mismatch)}")
         (self._alive[role].add if present else self._alive[role].discard)(key)
         self._world_seen = self._world_seen or (role == "world" and present)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from bus.nodes import node_name
+
 __all__ = ["Attendance", "Standing"]
 
 _MOST_REFUSED = 16
@@ -41,13 +43,17 @@ class Attendance:
         self._take(node, token, new=True)
         return True
 
-    def refuse(self, node: int, token: int) -> bool:
-        """A process that has no seat showed its token or answered. Returns True if it must be told, which is once."""
+    def refuse(self, node: int, token: int, mismatch: str) -> str:
+        """A process that has no seat showed its token or answered; `mismatch`: how its version differs, if it does.
+
+        Returns:
+            What it must be told, which is once; then empty.
+        """
         refused = self._refused.setdefault(node, set())
         if token in refused or len(refused) == _MOST_REFUSED:
-            return False
+            return ""
         refused.add(token)
-        return True
+        return mismatch or f"another living process is already {node_name(node)}"
 
     def left(self, node: int, token: int) -> bool:
         """A token of `node` dropped. Returns True if the core knows that process and must be told."""

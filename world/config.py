@@ -65,6 +65,8 @@ class WorldConfig:
     body_radius_m: float = 0.0
     """Robots are discs of this radius that do not pass through one another (world/bodies.py); 0 = points that do."""
     faults: tuple[Fault, ...] = ()
+    external: tuple[int, ...] = ()
+    """Robots, ascending, whose processes others start and end: no fault can kill, pause or restart them."""
     cell_names: tuple[str, ...] = ()
     """Names of the search cells, in the order of the station's search rates; for events only."""
     hang_deadline_s: float = 2.0

@@ -17,9 +17,11 @@ __all__ = ["Control"]
 class Control:
     """Answers the operator in a thread of the session. Faults wait until the world takes them in its own."""
 
-    def __init__(self, pace: Pace, robots: int, status: Callable[[], dict[str, Any]]) -> None:
-        """`status`: how the run stands, JSON types; part of every answer."""
-        self._pace, self._robots, self._status = pace, robots, status
+    def __init__(
+        self, pace: Pace, robots: int, status: Callable[[], dict[str, Any]], external: tuple[int, ...] = ()
+    ) -> None:
+        """`status`: how the run stands, JSON types; part of every answer. `external`: robots that no fault stops."""
+        self._pace, self._robots, self._status, self._external = pace, robots, status, external
         self._faults: deque[Fault] = deque()
 
     def answer(self, line: str) -> str:
@@ -29,7 +31,7 @@ class Control:
             return self._pace.command(line, self._status)
         try:
             fault = parse_fault(rest)
-            check_fault(fault, self._robots)
+            check_fault(fault, self._robots, external=self._external)
         except ValueError as error:
             return json.dumps({"error": str(error)})
         self._faults.append(fault)

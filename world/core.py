@@ -20,7 +20,7 @@ from world.account import Account, Told
 from world.agenda import Agenda
 from world.bodies import Bodies
 from world.config import Fault, WorldConfig
-from world.faults import check_fault, describe, fault_form, resolve
+from world.faults import NOT_OURS, check_fault, describe, fault_form, resolve
 from world.feed import Signal
 from world.grid.lines import pad
 from world.messages import Motion, Positions, Report, Sense, Stop
@@ -149,7 +149,7 @@ class World:
         Raises:
             ValueError: the fault is wrong in itself, or names no robot of this run; one line.
         """
-        check_fault(fault, self._config.robots)
+        check_fault(fault, self._config.robots, external=self._config.external)
         self._agenda.add(fault)
 
     def schedule(self, fault: Fault) -> None:
@@ -269,6 +269,9 @@ class World:
         node = resolve(fault.target, self._account.snapshot, self._config.station_m, self._choice)
         if node is None:
             self._log(NOBODY, f"{asked}: nobody is {fault.target}, nothing done", {})
+            return ()
+        if node in self._config.external:
+            self._log(node, f"{asked}: {node_name(node)}: {NOT_OURS}", {})
             return ()
         signals = self._roster.act(fault, node, tick)
         if not signals:

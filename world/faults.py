@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import Any, Final, get_args
 
 import numpy as np
 
 from bus.codec import MOST_METRES
 from bus.excerpt import shown
+from bus.nodes import node_name
 from bus.numerals import decimal
 from world.config import Fault, Verb
 from world.feed import Snapshot
@@ -16,12 +18,15 @@ from world.messages import Jam
 from world.routes import chain_to_station, farthest_search_robots
 from world.terms import STATION, TICK_S, tick_of
 
-__all__ = ["check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve"]
+__all__ = ["NOT_OURS", "check_fault", "describe", "fault_form", "jam_of", "parse_fault", "resolve"]
 
 VERBS: Final = get_args(Verb)
 
 ROLES: Final = "a robot id, station, relay:mid, relay:first, nms-of:ID, sr:far or random"
 FORM: Final = "VERB:TARGET@T or VERB:TARGET@T+D, such as kill:relay:mid@90 or pause:4@60+5"
+
+NOT_OURS: Final = "it is external, so that is up to whoever runs its process"
+"""Why nothing is done to a process."""
 
 _NUMBER: Final = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?"
 _TIMES: Final = re.compile(rf"({_NUMBER})(?:\+({_NUMBER}))?")
@@ -59,8 +64,10 @@ def parse_fault(text: str) -> Fault:
     return fault
 
 
-def check_fault(fault: Fault, robots: int | None = None, duration_s: float | None = None) -> None:
-    """Check a fault by itself, and against a run where one is given.
+def check_fault(
+    fault: Fault, robots: int | None = None, duration_s: float | None = None, external: Collection[int] = ()
+) -> None:
+    """Check a fault by itself, and against a run where one is given, with its external robots.
 
     Raises:
         ValueError: one line that says what is wrong.
@@ -84,6 +91,8 @@ def check_fault(fault: Fault, robots: int | None = None, duration_s: float | Non
         _check_jam(fault.target, robots)
     else:
         _check_target(fault.target, robots)
+        if fault.target.isdecimal() and int(fault.target) in external:
+            raise ValueError(f"{fault.verb} of {node_name(int(fault.target))}: {NOT_OURS}")
 
 
 def _check_duration(fault: Fault) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgpack
 
-from bus.envelopes import Opening
+from bus.envelopes import Opening, Refused
 from bus.lockstep import Kind, seal
 from bus.session import Session
 from world.feed import Signal
@@ -37,9 +37,9 @@ class Outlets:
         """The medium passes on what it holds, and answers."""
         self._put_positions(seal(Kind.PING, 0))
 
-    def refuse(self, node: int, token: int) -> None:
-        """A process of `node` is told that another has its seat."""
-        self._put_words[node](seal(Kind.REFUSED, token))
+    def refuse(self, node: int, token: int, why: str) -> None:
+        """A process of `node` is told that it takes no part."""
+        self._put_words[node](seal(Kind.REFUSED, token, Refused(why).encode()))
 
     def signal(self, order: Signal) -> None:
         """The launcher does something to a process."""

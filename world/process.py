@@ -65,7 +65,7 @@ class Shell:
         self._session = Session.connect(login)
         self._mailbox = Mailbox()
         self._pace = Pace(config.speed, time.monotonic, held=config.held)
-        self._control = Control(self._pace, config.robots, self._status)
+        self._control = Control(self._pace, config.robots, self._status, config.external)
         # Who is there.
         self._nodes = range(config.robots + 1)
         self._attendance = Attendance()
@@ -227,11 +227,10 @@ class Shell:
 
     def _publish(self) -> None:
         """Tell the watchers the account of the last tick, unless that is done."""
-        if not self._untold:
-            return
-        self._untold = False
-        self._watchers.tell(self._core.tell())
-        self._phases.mark("recording")
+        if self._untold:
+            self._untold = False
+            self._watchers.tell(self._core.tell())
+            self._phases.mark("recording")
 
     def _leave(self, node: int, cause: str, token: int | None = None) -> None:
         """A node leaves, in the tick under way or before the next. `token`: of its process, if that has no seat."""
@@ -294,13 +293,15 @@ class Shell:
         token = self._session.keys.token_of(key)
         node, incarnation = token.node, token.incarnation
         if token.role == "medium":
+            if token.mismatch:
+                raise RunError(token.mismatch)
             (self._medium_tokens.add if present else self._medium_tokens.discard)(key)
             self._medium_lost = not self._medium_tokens
         elif node not in self._nodes:
             log.warning("there is no %s in this run", node_name(node))
         elif present:
-            if not self._attendance.came(node, incarnation):
-                self._refuse(node, incarnation)
+            if token.mismatch or not self._attendance.came(node, incarnation):
+                self._refuse(node, incarnation, token.mismatch)
             elif (beats := self._session.keys.beat(node)) in self._mailbox.excess:
                 self._malformed.count += self._mailbox.pardon(beats)
                 self._silence.pardon(node)
@@ -319,10 +320,10 @@ class Shell:
             self._leave(node, "floods the run with messages")
             self._attendance.shut_out(node)
 
-    def _refuse(self, node: int, token: int) -> None:
-        if self._attendance.refuse(node, token):
-            self._outlets.refuse(node, token)
-            self._tell(node, f"a second living process of {node_name(node)} was refused")
+    def _refuse(self, node: int, token: int, mismatch: str = "") -> None:
+        if why := self._attendance.refuse(node, token, mismatch):
+            self._outlets.refuse(node, token, why)
+            self._tell(node, f"a process of {node_name(node)} was refused: {why}")
 
     def _tell(self, node: int, text: str) -> None:
         log.info("%s", text)

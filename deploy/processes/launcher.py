@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shlex
 import signal
 import threading
 import time
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from bus.member import LATE_STOP_S, LOST_STATUS
-from bus.nodes import process_name
+from bus.nodes import node_name, process_name
 from bus.session import BusError, Put, Session, new_token
 from deploy.failures import Failures, indented
 from deploy.processes.fleet import Fleet
@@ -117,13 +118,27 @@ class Launcher:
                 # The medium hosts the router, and stays until this token drops.
                 session.declare(new_token("operator"))
                 # The world waits for every robot, so nothing was published before the launcher listened.
-                self._fleet.start(self._supervisor, self._fleet.last_node)
+                self._start_last(opened)
                 self._show_pids()
                 self._attend(session)
             self._ends(self._supervisor.stop(_STOP_GRACE_S), expected=True)
         self._listener.take()  # its signals come too late: no process is left
         self._view.close()
         return self._outcome(time.monotonic() - begun)
+
+    def _start_last(self, opened: contextlib.ExitStack) -> None:
+        """Start what the run still lacks; say what external robots need, which goes when `opened` closes."""
+        fleet = self._fleet
+        for node in fleet.external:
+            opened.callback(fleet.credentials_file(node).unlink, missing_ok=True)
+        with self._folder.unwritten.noting("credentials of external robots"):
+            fleet.start_last(self._supervisor)
+        for node in fleet.external:
+            file = fleet.credentials_file(node)
+            self._view.line(
+                f"{node_name(node)} is external: start a process of it within {fleet.patience_s:g} s that logs in with "
+                f"{file} (docs/wire.md), such as: python -m agents --credentials {shlex.quote(str(file))}"
+            )
 
     def _show_pids(self) -> None:
         pids = {"launcher": os.getpid(), **self._supervisor.pids}
@@ -194,6 +209,8 @@ class Launcher:
 
     def _look(self, node: int) -> None:
         """Tell the world if the process that it waits for is dead or stopped."""
+        if node in self._fleet.external:
+            return  # nobody here knows; the world waits for its deadline
         name = process_name(node)
         dead = name not in self._supervisor.pids
         if self._put_absence is not None and (dead or self._supervisor.stopped(name)):

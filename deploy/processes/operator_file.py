@@ -1,4 +1,4 @@
-"""The file by which an operator finds and enters a run. It is in the run folder while the run is under way."""
+"""The files by which an operator and external robots find and enter a run, in its folder while it is under way."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Final
 
 from bus.access import Login
+from bus.nodes import user_name
 from deploy.json_file import read_object
 from world.own_file import write_whole
 
-__all__ = ["OPERATOR", "living_launcher", "read_operator", "write_operator"]
+__all__ = ["OPERATOR", "credentials_name", "living_launcher", "read_operator", "write_operator"]
 
 OPERATOR: Final = "operator.json"
 _MOST_PID: Final = 2**31 - 1
+
+
+def credentials_name(robot: int) -> str:
+    """Name of the file that an external robot reads."""
+    return f"{user_name(robot)}.json"
 
 
 def write_operator(folder: Path, login: Login) -> None:

@@ -23,7 +23,8 @@ __all__ = ["LOCK", "Claim", "ClaimError", "explained", "new_folder", "refuse_for
 
 LOCK: Final = "run.lock"
 _WRITTEN: Final = (
-    LOCK, "scenario.toml", "pids.json*", "operator.json*", "summary.json*", "metrics.csv", "events.jsonl", "journal",
+    LOCK, "scenario.toml", "pids.json*", "operator.json*", "robot-*.json*",
+    "summary.json*", "metrics.csv", "events.jsonl", "journal",
     "recording*.rrd", "map.yaml*", "map.pgm*", "report.html*", "comparison.html*", "logs/*.log",
 )  # fmt: skip
 """All that a run and its reports write."""

@@ -76,6 +76,7 @@ def summary_of(
         "scenario": scenario.name,
         "seed": scenario.seed,
         "robots": scenario.robots,
+        "external_robots": list(scenario.external),
         "radius_m": scenario.radius_m,
         "unreachable": {
             "floor": round(scenario.arena.unreachable, 6),

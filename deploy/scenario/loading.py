@@ -16,7 +16,7 @@ from deploy.scenario.changes import is_change, radio_changes, with_more
 from deploy.scenario.files import located, read_source
 from deploy.scenario.name import check_name
 from deploy.scenario.scenario import Scenario
-from deploy.scenario.tables import ScenarioError, Tables, validate, validate_fault
+from deploy.scenario.tables import Robot, ScenarioError, Tables, validate, validate_fault
 from world.config import Fault
 from world.faults import check_fault, parse_fault
 
@@ -30,7 +30,7 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
         source: name of a scenario in deploy/scenarios, path of a .toml file, or path of a ROS map's .yaml file.
         overrides: values by dotted key, such as {"radio.loss": 0.1}, put in before anything is checked. Those of
             "fault" are added to the scenario's own: a list of tables, of texts in the form of the command line, or
-            of `Fault`.
+            of `Fault`. "external" is a list of ids of robots that are external, besides the scenario's own.
         own_faults: False leaves out the faults that the source itself has.
 
     Raises:
@@ -40,7 +40,7 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
     if not own_faults:
         raw.pop("fault", None)
     values = dict(overrides or {})
-    more = values.pop("fault", ())
+    more, external = values.pop("fault", ()), values.pop("external", ())
     try:
         for key, value in values.items():
             _put(raw, key, value)
@@ -50,7 +50,7 @@ def load(source: str | Path, overrides: Mapping[str, Any] | None = None, *, own_
             if plan["map"].encode(errors="ignore").decode() != plan["map"]:
                 raise ScenarioError(f"floor_plan.map = '{shown(plan['map'])}': the path is not UTF-8, as TOML must be")
         _apply_policy(raw)
-        tables = _with_faults(validate(raw), more)
+        tables = _with_external(_with_faults(validate(raw), more), external)
         _check(tables)
         return Scenario(tables, survey(tables))
     except ScenarioError as error:
@@ -126,9 +126,24 @@ def _with_faults(tables: Tables, more: Any) -> Tables:
     return dataclasses.replace(tables, fault=tuple(faults))
 
 
+def _with_external(tables: Tables, more: Any) -> Tables:
+    """The tables with further robots that are external."""
+    if not isinstance(more, list | tuple) or any(type(robot) is not int for robot in more):
+        raise ScenarioError(f"external = {shown(more)}: expected a list of ids of robots")
+    robots = {robot.id: robot for robot in tables.robot}
+    if len(robots) < len(tables.robot):
+        raise ScenarioError("robot: a robot has two tables; each id may have one")
+    robots |= {robot: dataclasses.replace(robots.get(robot, Robot(robot)), external=True) for robot in more}
+    for robot in robots:
+        if not 1 <= robot <= tables.robots:
+            raise ScenarioError(f"robot {robot}: there are only robots 1 to {tables.robots}")
+    return dataclasses.replace(tables, robot=tuple(robot for _, robot in sorted(robots.items())))
+
+
 def _check(tables: Tables) -> None:
     """Check what depends on several fields."""
     check_name(tables.name)
+    external = {robot.id for robot in tables.robot if robot.external}
     try:
         tables.rules.check()
     except ValueError as error:
@@ -140,6 +155,6 @@ def _check(tables: Tables) -> None:
     radio_changes(tables)
     for i, fault in enumerate(tables.fault, 1):
         try:
-            check_fault(fault, tables.robots, tables.duration_s)
+            check_fault(fault, tables.robots, tables.duration_s, external)
         except ValueError as error:
             raise ScenarioError(f"fault[{i}]: {error}") from None

@@ -61,6 +61,18 @@ class Scenario:
         return 0.0 if self.tables.speed == "max" else self.tables.speed
 
     @property
+    def external(self) -> tuple[int, ...]:
+        """Robots whose processes are none of the launcher's, ascending."""
+        return tuple(robot.id for robot in self.tables.robot if robot.external)
+
+    @property
+    def not_in_process(self) -> str:
+        """One line on why the run can't be in one process; empty if it can."""
+        if not self.external:
+            return ""
+        return f"robot {self.external[0]} is external: a process of its own, so the run can't be in one process"
+
+    @property
     def remark(self) -> str:
         """One line, shown before the run, on the floor that can't be reached; empty if all of it can."""
         arena = self.arena
@@ -88,6 +100,7 @@ class Scenario:
             pose_noise_m=tables.pose_noise_m,
             body_radius_m=tables.body_radius_m,
             faults=tables.fault,
+            external=self.external,
             cell_names=self.cell_names,
             hang_deadline_s=tables.deadlines.hang_s,
             think_deadline_s=tables.deadlines.think_s,

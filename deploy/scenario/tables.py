@@ -30,6 +30,7 @@ __all__ = [
     "Change",
     "Deadlines",
     "FloorPlan",
+    "Robot",
     "ScenarioError",
     "StationPlace",
     "Tables",
@@ -86,6 +87,15 @@ class Cell:
     name: Annotated[str, MinLen(1), MaxLen(100)]
     rectangle_m: Rectangle
     """x0, y0, x1, y1"""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What is particular about one robot."""
+
+    id: Annotated[int, Ge(1), Le(1000)]
+    external: bool = False
+    """Its process is none of the launcher's: a program of anybody's that reads its credentials file (docs/wire.md)."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +163,8 @@ class Tables:
     deadlines: Deadlines = field(default_factory=Deadlines)
     fault: tuple[Fault, ...] = ()
     change: Annotated[tuple[Change, ...], MaxLen(1000)] = ()
+    robot: Annotated[tuple[Robot, ...], MaxLen(1000)] = ()
+    """Those about which there is something to say."""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:

@@ -161,6 +161,9 @@ def points_of(study: Study) -> list[Point]:
         except ScenarioError as error:
             which = shown(", ".join(f"{key}={value}" for key, value in settings.items()))
             raise ScenarioError(f"study {shown(study.name, 30)}, {shown(variant, 30)} ({which}): {error}") from None
+        if scenario.not_in_process:
+            where = f"study {shown(study.name, 30)}, {shown(variant, 30)}"
+            raise ScenarioError(f"{shown(where)}: {shown(scenario.not_in_process)}")
         _check_discard(study.discard, scenario)
         point = _point(variant, scenario)
         points.setdefault(point.key, point)

@@ -18,7 +18,7 @@ import zenoh
 
 from bus.access import MOST_BYTES, credentials, dictionary, router_config, rules, users_of
 from bus.codec import WireError
-from bus.keys import ROWS, Keys, check_run
+from bus.keys import ROWS, Keys, Token, check_run
 from bus.mailbox import PART_BYTES, Message
 from bus.session import (
     BusError,
@@ -297,7 +297,19 @@ def test_run_name_must_be_one_chunk(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "token", ["4/nonsense", "4/*", "4/-0000001", "x/00000001", "4/1", "4/123456789", "9" * 5000 + "/00000001"]
+    "token",
+    [
+        "4/1/nonsense",
+        "4/1/*",
+        "4/1/-0000001",
+        "x/1/00000001",
+        "4/1/1",
+        "4/1/123456789",
+        "9" * 5000 + "/1/00000001",
+        "4/00000001",
+        "4/x/00000001",
+        "4/123456/00000001",
+    ],
 )
 def test_a_token_that_is_none_is_a_wire_error(token: str) -> None:
     with pytest.raises(WireError):
@@ -312,6 +324,8 @@ def test_keys_are_read_back() -> None:
     keys = Keys("run")
     token = new_token("robot", 4)
     assert keys.token_of(keys.token(token)) == token
+    assert not token.mismatch
+    assert keys.token_of(keys.alive("robot", 4, "0123abcd", 7)) == Token("robot", 4, 0x123ABCD, 7)
     assert [Keys.node_of(k) for k in (keys.tx(4), keys.beat(5), keys.table(6), keys.word(0))] == [4, 5, 6, 0]
 
 

@@ -30,6 +30,7 @@ class TwoCells:
     seed: int = 7
     robots: int = 2
     radius_m: float = 20.0
+    external: tuple[int, ...] = ()
     cell_names: tuple[str, ...] = ("a", "b")
     arena: OneVictim = OneVictim()
 

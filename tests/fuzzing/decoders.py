@@ -37,7 +37,7 @@ from agents.room import Room
 from agents.scan_uplink import ScanUplink
 from bus.codec import WireError, unpack_map
 from bus.command_line import parse, parser
-from bus.envelopes import Answer, Flood, Moves, Opening, Turn
+from bus.envelopes import Answer, Flood, Moves, Opening, Refused, Turn
 from bus.handover import write as write_handover
 from bus.heartbeat import Beat
 from bus.keys import Keys
@@ -145,6 +145,7 @@ def _messages() -> Iterator[WayIn]:
         "inbox": lambda data: Inbox.decode(data, robot.robots),
         "positions": Positions.decode, "opening": Opening.decode, "turn": Turn.decode, "answer": Answer.decode,
         "moves": Moves.decode, "flood": Flood.decode, "beat": Beat.decode, "absence": Absence.decode,
+        "refused": Refused.decode,
         "transmission": Transmission.decode, "departed": Departed.decode, "stop": Stop.decode,
         "signal": Signal.decode, "event": Event.decode, "snapshot": Snapshot.decode, "feed": unpack_feed,
         "batch": unbatch, "table": Table.decode, "phases": decode_phases, "final": unpack_map, "sealed": unseal,
@@ -225,7 +226,7 @@ def _texts() -> Iterator[WayIn]:
         (
             "token",
             keys.token_of,
-            [keys.alive("robot", 4, "0123abcd"), keys.alive("world", 0, "ffffffff")],
+            [keys.alive("robot", 4, "0123abcd", 1), keys.alive("world", 0, "ffffffff", 65_535)],
             (WireError,),
         ),
     )

@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 
 from agents.messages import AHEAD, UPDATE, Update, kind_of
-from bus.envelopes import Answer, Flood, Moves, Opening, Turn
+from bus.envelopes import Answer, Flood, Moves, Opening, Refused, Turn
 from bus.heartbeat import Beat
 from bus.lockstep import Kind, seal
 from bus.phases import Phases
@@ -110,6 +110,7 @@ def recorded() -> Recorded:
     kept.packed["batch"] = kept.packed["feed"]
     kept.packed["departed"] = [Departed(7, 3).encode()]
     kept.packed["flood"] = [Flood(3).encode()]
+    kept.packed["refused"] = [Refused("another living process is already robot 3").encode()]
     kept.packed["beat"] = [Beat(7, 0.25).encode(), Beat(2**32 - 1, 59.5).encode()]
     kept.packed["absence"] = [Absence(3, dead).encode() for dead in (False, True)]
     kept.packed["stop"] = [Stop(90, "searched").encode()]

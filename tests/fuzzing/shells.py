@@ -58,7 +58,7 @@ def noise(rng: random.Random, keys: Keys, *on: str) -> Message:
     packed = recorded().packed
     if rng.random() < 0.1:
         token = rng.choice((f"{rng.randrange(2**32):08x}", "x" * rng.choice((1, 8, 9, 5000))))
-        return keys.alive("robot", rng.choice((1, 9, 99_999, "9" * 5000)), token), b""
+        return keys.alive("robot", rng.choice((1, 9, 99_999, "9" * 5000)), token, rng.choice((1, 1, 2, 99_999))), b""
     kinds = {
         keys.positions: ("opening", "departed"), keys.moved: ("moves",), keys.rx(1): ("turn", "sense"),
         keys.beat(1): ("beat",), keys.absence: ("absence",),
@@ -136,7 +136,7 @@ def node_goes_on(rng: random.Random, messages: int) -> None:
             key, data = noise(rng, keys, keys.rx(1), keys.word(1))
             if key in (keys.rx(1), keys.word(1)) and data[:1] != bytes([Kind.STOP]):
                 member.mailbox.put((rx if key == keys.rx(1) else key, data))
-        member.mailbox.put((keys.alive("world", 0, "none of ours"), b""))
+        member.mailbox.put((keys.alive("world", 0, "none of ours", 1), b""))
         sense = seal(Kind.DATA, incarnation, Sense(tick, tick == 0, 0, 28.0, 35.0).encode())
         member.mailbox.put((rx, Turn(sense, Inbox(tick, ()).encode()).encode()))
         turn = member.turn()

@@ -91,5 +91,5 @@ def test_a_refused_process_is_told_once() -> None:
         run.start_rogue(impostor, 2)
         run.until(lambda: run.processes["rogue"].exitcode is not None, f"{ANSWERS} answers")
         run.ticks(10)
-        assert told(run) == ["a second living process of robot 2 was refused"]
+        assert told(run) == ["a process of robot 2 was refused: another living process is already robot 2"]
         assert all(snapshot.present.all() for snapshot in run.snapshots)

@@ -175,7 +175,7 @@ def test_nonsense_counts_for_nothing_until_a_whole_answer_comes_or_the_deadline(
     with small_run(absent=3, hang_deadline_s=2.0) as run:
         member = Member(run.logins["robot-3"], "robot", 3, Sense.decode, Inbox.decode)
         with member:
-            stray = member.session._session.liveliness().declare_token("vds/small/alive/robot/3/nonsense")
+            stray = member.session._session.liveliness().declare_token("vds/small/alive/robot/3/1/nonsense")
             for k in range(30):
                 turn = member.turn()
                 assert turn is not None

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from agents.messages import ACK, AHEAD, MapChunk, ScanReport, Table, Update
 from bus.codec import WireError
-from bus.envelopes import Answer, Moves, Opening, Turn
+from bus.envelopes import Answer, Moves, Opening, Refused, Turn
 from medium.messages import UNLIMITED, Inbox, Transmission
 from world.feed import Event, Snapshot
 from world.messages import Departed, Jam, Motion, Positions, Report, Sense, Status, Stop
@@ -58,6 +58,7 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
         st.lists(st.builds(Jam, region_m=region) | st.builds(Jam, pair=pair), max_size=2).map(tuple), st.floats(0, 1),
     ),
     st.builds(Departed, tick, node),
+    st.builds(Refused, st.text(max_size=99)),
     st.builds(Stop, tick, st.sampled_from(["searched", "time_limit"])),
     st.builds(
         Snapshot, tick, robots, column(np.uint8, 0, 1), column(np.float64, columns=2), column(np.uint8, 0, 1),
@@ -89,7 +90,20 @@ MESSAGES: list[st.SearchStrategy[Any]] = [
 ]  # fmt: skip
 FIXED = Sense | Motion | Inbox
 """With a fixed head: almost anything of the right length is one of these."""
-PACKED = [Report, Positions, Departed, Stop, Snapshot, Event, Transmission, Update, ScanReport, MapChunk, Table]
+PACKED = [
+    Refused,
+    Report,
+    Positions,
+    Departed,
+    Stop,
+    Snapshot,
+    Event,
+    Transmission,
+    Update,
+    ScanReport,
+    MapChunk,
+    Table,
+]
 
 
 def plain(value: Any) -> Any:

@@ -407,3 +407,14 @@ def test_faults_and_verdicts_are_told_in_the_order_of_their_ticks() -> None:
     told = run.world.final()
     assert [(fault["target"], fault["at_s"]) for fault in told["faults"]] == [("2", 0.5), ("3", 0.6)]
     assert [verdict["fault"] for verdict in told["recoveries"]] == ["kill:2@0.5", "kill:3@0.6"]
+
+
+def test_a_role_that_an_external_robot_has_is_nobodys() -> None:
+    run = Run(config(external=(1, 2, 3, 4), faults=(Fault("kill", 2.0, "random"), Fault("loss", 3.0, "", 1.0, 0.5))))
+    run.until(40)
+    assert run.world.final()["faults"] == [{"verb": "loss", "at_s": 3.0, "for_s": 1.0, "probability": 0.5}]
+    (told, _) = [event.text for event in run.faults]
+    assert "kill:random@2" in told
+    assert told.endswith("it is external, so that is up to whoever runs its process")
+    with pytest.raises(ValueError, match="kill of robot 4: it is external"):
+        run.world.inject(Fault("kill", 0.0, "4"))
