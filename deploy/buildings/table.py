@@ -17,13 +17,13 @@ from typing import Any, Final
 
 from bus.excerpt import shown
 from bus.numerals import decimal
+from bus.user_file import read_text
 from deploy.scenario import load
 from deploy.sweep.lower_bound import LowerBound, lower_bound
 from deploy.sweep.plan import Study, runs_of
 from deploy.sweep.results import Results, ResultsError
 from deploy.sweep.statistics import usable
 from world.own_file import write_whole
-from world.user_file import read_text
 
 __all__ = ["COLUMNS", "Cell", "Row", "cells_of", "merged", "read_table", "write_table"]
 
