@@ -7,7 +7,10 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from deploy.command import Parser
 
 COMMANDS: Final = """\
 commands:
@@ -25,28 +28,35 @@ NODE is a robot's id, `station`, or a role such as relay:mid.
 """
 
 
+def parser() -> Parser:
+    """The command line."""
+    from deploy.command import Parser, call_of, name_of
+
+    p = Parser(
+        prog=name_of("ctl"), description=f"Speak to a run that is under way, such as `{call_of('ctl')} kill 4`.",
+        epilog=COMMANDS, formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    p.add_argument("--run", type=Path, metavar="DIR", help="run folder (default: the newest run under way)")
+    p.add_argument("command", nargs="+", help="see below")
+    return p
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Ask one thing of a run; returns 0, 1 if the run refused, 2 if there is no such run."""
-    from deploy.command import ROOT, Parser, refuse, require
+    from deploy.command import ROOT, refuse, require
 
-    parser = Parser(
-        prog="ctl.py", description=__doc__, epilog=COMMANDS, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--run", type=Path, metavar="DIR", help="run folder (default: the newest run under way)")
-    parser.add_argument("command", nargs="+", help="see below")
-    options = parser.parse_args(arguments)
-
-    require(Path(__file__))
+    options = parser().parse_args(arguments)
+    require("ctl")
     from bus.session import BusError, Session
     from deploy.processes.operator_file import read_operator
 
     folder = options.run or newest_run([Path("runs"), ROOT / "runs"])
     if folder is None:
-        return refuse("ctl.py", "no run is under way here: name its folder by --run")
+        return refuse("ctl", "no run is under way here: name its folder by --run")
     try:
         login = read_operator(folder)
     except ValueError as error:
-        return refuse("ctl.py", f"no run is under way in {folder}: {error}")
+        return refuse("ctl", f"no run is under way in {folder}: {error}")
     try:
         session = Session.connect(login, watching=True, timeout_s=5.0)
         try:
@@ -54,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         finally:
             session.close()
     except BusError as error:
-        return refuse("ctl.py", f"the run in {folder} does not answer: {error}")
+        return refuse("ctl", f"the run in {folder} does not answer: {error}")
     return _show(answer)
 
 
@@ -78,12 +88,14 @@ def newest_run(folders: list[Path]) -> Path | None:
 
 
 def _show(answer: str) -> int:
+    from deploy.command import name_of
+
     try:
         told = json.loads(answer)
     except (ValueError, RecursionError):
         told = answer
     if isinstance(told, dict) and "error" in told:
-        print(f"ctl.py: {told['error']}", file=sys.stderr)
+        print(f"{name_of('ctl')}: {told['error']}", file=sys.stderr)
         return 1
     print(told if isinstance(told, str) else json.dumps(told, indent=1))
     return 0
