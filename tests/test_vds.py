@@ -76,6 +76,17 @@ def test_pages_import_nothing_but_vds(page: str) -> None:
     assert page != "README.md" or imported
 
 
+def test_the_example_of_the_first_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """As it stands there, but for 20 simulated seconds."""
+    example = next(
+        re.finditer(r"(?s)```python\n(import vds\n.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"))
+    )[1]
+    names: dict[str, Any] = {}
+    exec(example.replace('"seed": 3', '"seed": 3, "duration_s": 20.0'), names)
+    assert names["traces"].xy_m.shape == (200, 9, 2)
+    assert names["result"].trace_sha256 in capsys.readouterr().out
+
+
 # A user's packages of the same names
 
 
