@@ -6,6 +6,11 @@ SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# What pip is at, a line for each step; errors go past it.
+PROGRESS := -e 's/^  Installing build dependencies: started/  gets the compiler of the loops/p' \
+  -e 's/^Collecting \([A-Za-z0-9_.-]*\).*/  gets \1/p' \
+  -e 's/^  Building editable .*started/  compiles the loops/p' \
+  -e 's/^Installing collected packages.*/  installs all of them/p'
 
 .PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos soak study clean
 
@@ -15,7 +20,7 @@ $(STAMP): pyproject.toml constraints.txt setup.py deploy/build_backend.py bus/bu
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
 	@test -x $(BIN)/python || { echo "setup, 1 of 2: makes $(VENV)"; $(PYTHON) -m venv $(VENV); }
 	@echo "setup, 2 of 2: compiles the loops and installs what constraints.txt pins; takes a minute or two"
-	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,study]'
+	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off -e '.[dev,study]' | sed -u -n $(PROGRESS)
 	touch $@
 
 run: setup

@@ -11,9 +11,11 @@ import importlib
 from pathlib import Path
 from typing import Final
 
-__all__ = ["LOOPS", "ROOT", "StaleLoopsError", "built_from", "check", "complaint", "digest"]
+__all__ = ["INSTALLED", "LOOPS", "ROOT", "StaleLoopsError", "built_from", "check", "complaint", "digest"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+INSTALLED: Final = any(ROOT.glob("vds_emulator-*.dist-info"))
+"""Whether this is an installed package, neither a checkout nor a build of one."""
 LOOPS: Final = (
     "agents._cells",
     "agents._floor",
@@ -67,5 +69,6 @@ def complaint() -> str:
         except StaleLoopsError as error:
             return str(error)
         except ImportError:
-            return f"{name} is not compiled: run `make setup` in {ROOT}"
+            way = "install vds-emulator again" if INSTALLED else f"run `make setup` in {ROOT}"
+            return f"{name} is not compiled: {way}"
     return ""

@@ -1,8 +1,9 @@
-"""What the commands share (run_local, ctl, study, report, whatif): parser, one-line refusals, and their Python.
+"""What the commands run_local, ctl, study, report and whatif share: names, parser, one-line refusals, and their Python.
 
-A command is a script. Any Python may start it, even one without the packages that it needs. Python puts the script's
-folder on the path, where the files of this package would be modules of other names. So a command replaces that folder
-by the checkout before it imports anything of ours:
+Each is a script of a checkout, and a verb of the command `vds` (vds/__main__.py), by the same `main`. Any Python may
+start a script, even one without the packages that it needs. Python puts the script's folder on the path, where the
+files of this package would be modules of other names. So a script replaces that folder by the checkout before it
+imports anything of ours:
 
     if __name__ == "__main__":
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
@@ -22,15 +23,30 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
+from bus.built import INSTALLED
 from bus.excerpt import shown
 from bus.numerals import decimal, whole
 from deploy.machine.interrupts import SIGNALS
 from deploy.machine.outlet import keep_writing, lost
 
-__all__ = ["INTERRUPTED", "ROOT", "Parser", "a_number", "a_whole_number", "entry", "refuse", "require"]
+__all__ = [
+    "INTERRUPTED", "ROOT", "Parser", "a_number", "a_whole_number", "by_vds", "call_of", "entry", "name_of", "refuse",
+    "require", "way_to_extra",
+]  # fmt: skip
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-"""The checkout."""
+"""The checkout, or the folder of installed packages."""
+
+SCRIPTS: Final = {
+    "run": "run_local.py",
+    "ctl": "ctl.py",
+    "report": "report.py",
+    "study": "study.py",
+    "whatif": "whatif.py",
+}
+"""By verb of `vds`: the script in deploy/ that does the same."""
+
+_by_vds = INSTALLED  # its users know no scripts
 
 NEEDED: Final = (
     "annotated_types", "msgpack", "mypy_extensions", "numpy", "PIL", "pydantic", "rerun", "rich", "scipy",
@@ -44,6 +60,22 @@ INTERRUPTED: Final = 130
 
 _LONGEST: Final = 600
 """Longest refusal in characters."""
+
+
+def by_vds() -> None:
+    """From now on all hints name the command `vds`."""
+    global _by_vds
+    _by_vds = True
+
+
+def name_of(verb: str) -> str:
+    """What a command calls itself: `run_local.py`, or `vds run`."""
+    return SCRIPTS[verb] if verb in SCRIPTS and not _by_vds else f"vds {verb}"
+
+
+def call_of(verb: str) -> str:
+    """How its user calls a command: `deploy/run_local.py`, seen from the checkout, or `vds run`."""
+    return f"deploy/{SCRIPTS[verb]}" if verb in SCRIPTS and not _by_vds else f"vds {verb}"
 
 
 class Parser(argparse.ArgumentParser):
@@ -69,11 +101,16 @@ def a_number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"'{shown(text)}' is {error}") from None
 
 
-def entry(main: Callable[[], int]) -> NoReturn:
-    """Run a command to its exit status, whatever becomes of the terminal, the pipe or the disk that it writes to."""
+def entry(main: Callable[[], int], name: str | None = None) -> NoReturn:
+    """Run a command to its exit status, whatever becomes of the terminal, the pipe or the disk that it writes to.
+
+    Args:
+        main: the command.
+        name: what it calls itself; None: by its script.
+    """
     _use_utf_8()
     keep_writing()
-    script = Path(sys.argv[0]).name
+    script = name or Path(sys.argv[0]).name
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # by nohup
             signal.signal(number, signal.default_int_handler)
@@ -99,34 +136,41 @@ def _use_utf_8() -> None:
         os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
 
 
-def refuse(script: str, problem: object) -> int:
+def refuse(verb: str, problem: object) -> int:
     """Say in one line why a command can't be carried out; returns its exit status, 2."""
-    print(f"{script}: {shown(' '.join(str(problem).split()), _LONGEST)}", file=sys.stderr)
+    print(f"{name_of(verb)}: {shown(' '.join(str(problem).split()), _LONGEST)}", file=sys.stderr)
     return 2
 
 
-def require(script: Path, also: Sequence[str] = ()) -> None:
+def way_to_extra(extra: str = "study") -> str:
+    """How to get the packages of an extra of pyproject.toml."""
+    return f"`{sys.executable} -m pip install 'vds-emulator[{extra}]'`" if INSTALLED else "run `make setup`"
+
+
+def require(verb: str, also: Sequence[str] = ()) -> None:
     """Return if this Python has all that the project needs; else go on in the project's own, or exit with status 2.
 
     Args:
-        script: the command that is running.
-        also: further modules that it needs.
+        verb: of the command that is running.
+        also: further modules that it needs, of the extra `study`.
     """
     missing = [name for name in (*NEEDED, *also) if importlib.util.find_spec(name) is None]
     if not missing:
         from bus.built import complaint
 
         if complaint():
-            refuse(script.name, complaint())
+            refuse(verb, complaint())
             sys.exit(2)
         return
+    if INSTALLED:
+        way = way_to_extra() if set(missing) <= set(also) else "install vds-emulator again"
+        refuse(verb, f"this Python lacks {', '.join(missing)}: {way}")
+        sys.exit(2)
     venv = ROOT / ".venv"
+    program = ["-m", "vds"] if _by_vds else [str(ROOT / "deploy" / SCRIPTS[verb])]
     if (venv / ".installed").exists() and Path(sys.prefix).resolve() != venv.resolve():
         python = str(venv / "bin" / "python")
-        os.execv(python, [python, str(script.resolve()), *sys.argv[1:]])
-    refuse(
-        script.name,
-        f"this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, "
-        f"then `.venv/bin/python deploy/{script.name}`",
-    )
+        os.execv(python, [python, *program, *sys.argv[1:]])
+    then = f".venv/bin/vds {verb}" if _by_vds else f".venv/bin/python {call_of(verb)}"
+    refuse(verb, f"this Python lacks {', '.join(missing)}: run `make setup` in {ROOT}, then `{then}`")
     sys.exit(2)

@@ -2,7 +2,7 @@
 
 The run is `deploy/run_local.py` in a process of its own. It begins held and goes on once its owner listens, so the
 owner misses nothing. It ends with its owner, even one that is killed.
-`deploy/testing.py` makes a pytest fixture of it.
+`vds/pytest_plugin.py` makes a pytest fixture of it.
 """
 
 from __future__ import annotations
@@ -80,6 +80,8 @@ class Emulation:
         """All events so far."""
         self.snapshots: list[Snapshot] = []
         """All snapshots so far, one per tick."""
+        self.verdicts: list[dict[str, Any]] = []
+        """All that `recovery` has returned."""
         self._scratch = Scratch()
         resolved = self._scratch.path / "asked.toml"
         resolved.write_text(self.scenario.to_toml(), encoding="utf-8")
@@ -178,7 +180,8 @@ class Emulation:
         except EmulationError as error:
             names = ", ".join(verdict["fault"] for verdict in told) or "none"
             raise EmulationError(f"no verdict on {shown(of)}; there are: {shown(names, 300)}: {error}") from None
-        return [verdict for verdict in told if is_of(verdict)][-1]
+        self.verdicts.append([verdict for verdict in told if is_of(verdict)][-1])
+        return self.verdicts[-1]
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -211,7 +214,7 @@ class Emulation:
         self._signal(who, signal.SIGCONT)
 
     def command(self, words: str) -> dict[str, Any]:
-        """Ask what `deploy/ctl.py` asks, such as "status", "hold", "go" or "fault jam:1,2@0+5".
+        """Ask what the command `ctl` asks, such as "status", "hold", "go" or "fault jam:1,2@0+5".
 
         Raises:
             EmulationError: the run refused, or does not answer.

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser
+    from deploy.command import Parser, name_of
 
-    p = Parser(prog="report.py", description="Make one HTML file about a run: it opens anywhere and loads nothing.")
+    p = Parser(
+        prog=name_of("report"), description="Make one HTML file about a run: it opens anywhere and loads nothing."
+    )
     p.add_argument("run", nargs="?", type=Path, metavar="RUN_DIR", help="folder of a run that has ended")
     p.add_argument("--compare", nargs=2, type=Path, metavar=("RUN_A", "RUN_B"), help="two runs over each other")
     p.add_argument(
@@ -34,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser().error("expected either RUN_DIR or --compare RUN_A RUN_B")
     from deploy.command import refuse, require
 
-    require(Path(__file__))
+    require("report")
     from bus.excerpt import shown
     from deploy.page.comparison_page import comparison_page
     from deploy.page.html import GENERATOR
@@ -52,9 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
         require_own(out, GENERATOR)
         write_whole(out, page)
     except (RunFilesError, ForeignFileError) as error:
-        return refuse("report.py", error)
+        return refuse("report", error)
     except OSError as error:
-        return refuse("report.py", f"{shown(out)}: can't write there: {error.strerror}")
+        return refuse("report", f"{shown(out)}: can't write there: {error.strerror}")
     print(f"report: {out}")
     return 0
 

@@ -33,10 +33,10 @@ class BadInputError(Exception):
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser, a_whole_number
+    from deploy.command import Parser, a_whole_number, call_of, name_of
     from deploy.scenario_options import add_scenario_options
 
-    p = Parser(prog="run_local.py", description="Emulate a multi-robot victim search, one process per robot.")
+    p = Parser(prog=name_of("run"), description="Emulate a multi-robot victim search, one process per robot.")
     add_scenario_options(p)
     p.add_argument("--scenario", metavar="NAME|FILE", help="a name (three_cells), a .toml file or a map's .yaml")
     p.add_argument("--speed", metavar="max|F", help="max, or simulated seconds per wall second")
@@ -51,7 +51,7 @@ def parser() -> Parser:
         "--external", type=a_whole_number, action="append", default=[], metavar="ID",
         help="a robot whose process is yours: the run waits for it (docs/wire.md)",
     )  # fmt: skip
-    p.add_argument("--hold", action="store_true", help="begin held: `deploy/ctl.py step` or `go` lets it run")
+    p.add_argument("--hold", action="store_true", help=f"begin held: `{call_of('ctl')} step` or `go` lets it run")
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="run folder, new or empty (default: a new one, runs/SCENARIO-TIME)"
     )
@@ -84,8 +84,8 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             end_with(options.owner)
         except ValueError as error:
-            return refuse("run_local.py", f"--owner {options.owner}: {error}")
-    require(Path(__file__))
+            return refuse("run", f"--owner {options.owner}: {error}")
+    require("run")
     with contextlib.ExitStack() as held:
         try:
             _refuse_in_process(options)
@@ -103,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
             folder = held.enter_context(_folder(options, scenario, baseline))
             scratch = None if options.in_process else held.enter_context(_scratch(folder, scenario))
         except BadInputError as error:
-            return refuse("run_local.py", error)
+            return refuse("run", error)
         return _run(options, scenario, endpoint, folder, scratch, interrupts)
 
 
@@ -221,6 +221,8 @@ def _run(
 ) -> int:
     from rich.console import Console
 
+    from deploy.command import name_of
+
     out = folder.path
     console = Console(stderr=False, quiet=options.quiet)
     view = _view(options, console, scenario.cell_names)
@@ -242,7 +244,7 @@ def _run(
         summary, failures = _run_processes(options, scenario, endpoint, folder, scratch, view, interrupts)
     _report(console, out, summary)
     for failure in failures:
-        print(f"run_local.py: failed: {failure}", file=sys.stderr)
+        print(f"{name_of('run')}: failed: {failure}", file=sys.stderr)
     return 1 if failures else 0
 
 
@@ -289,6 +291,7 @@ def _run_processes(
 
 
 def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
+    from deploy.command import call_of
     from deploy.run_folder.summary import remainder
 
     def show(words: str) -> None:
@@ -299,9 +302,19 @@ def _report(console: Console, out: Path, summary: dict[str, Any]) -> None:
          f"(real-time factor {summary['real_time_factor']}); searched: {rates}")  # fmt: skip
     if words := remainder(summary):
         show(f"left: {words}")
-    show(f"summary: {out / 'summary.json'} (as a page: deploy/report.py {out})")
+    show(f"summary: {out / 'summary.json'} (as a page: {call_of('report')} {out})")
     if parts := sorted(out.glob("recording*.rrd")):
-        show(f"recording: rerun {parts[0] if len(parts) == 1 else out / 'recording*.rrd'}")
+        show(f"recording: {_view_of(parts[0] if len(parts) == 1 else out / 'recording*.rrd')}")
+
+
+def _view_of(recording: Path) -> str:
+    """The command that shows it, as the user can type it here."""
+    from deploy.command import call_of, name_of
+
+    if name_of("run") == call_of("run"):
+        return f"{call_of('open')} {recording.parent}"
+    viewer, near = Path(sys.executable).with_name("rerun"), Path(".venv/bin/rerun")
+    return f"{near if near.exists() and near.samefile(viewer) else viewer} {recording}"
 
 
 if __name__ == "__main__":

@@ -31,9 +31,9 @@ _MANY_RUNS: Final = 1000
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser, a_whole_number
+    from deploy.command import Parser, a_whole_number, name_of
 
-    p = Parser(prog="study.py", description="Run studies of many runs each, and draw their results.")
+    p = Parser(prog=name_of("study"), description="Run studies of many runs each, and draw their results.")
     p.add_argument("study", nargs="+", help="fig6, fig7, ablations, ...; a .toml file; or: report, report buildings")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default runs/studies/NAME)")
     p.add_argument(
@@ -58,9 +58,9 @@ def parser() -> Parser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.command import INTERRUPTED, refuse, require
+    from deploy.command import INTERRUPTED, name_of, refuse, require
 
-    require(Path(__file__), ALSO_NEEDED)
+    require("study", ALSO_NEEDED)
     from bus.excerpt import shown
     from deploy.machine.limits import one_thread
 
@@ -87,17 +87,17 @@ def main(arguments: list[str] | None = None) -> int:
             plans.append((study, sample(select(points_of(study), options.only), options.sample)))
         workers = None if options.plot_only else _workers(options)
     except (ScenarioError, OSError, ValueError) as error:
-        return refuse("study.py", error)
+        return refuse("study", error)
     try:
         whole = [carry_out(study, points, workers, _folder(study, options), _asked(options)) for study, points in plans]
         return 0 if all(whole) else 1
     except (ClaimError, ResultsError) as error:
-        return refuse("study.py", error)
+        return refuse("study", error)
     except KeyboardInterrupt:
-        print("study.py: interrupted; the same command goes on from here", file=sys.stderr)
+        print(f"{name_of('study')}: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
     except (OSError, WorkersGoneError) as error:
-        print(f"study.py: {error}; the same command goes on from here", file=sys.stderr)
+        print(f"{name_of('study')}: {error}; the same command goes on from here", file=sys.stderr)
         return 1
     finally:
         if workers is not None:
@@ -127,6 +127,7 @@ def _check(options: argparse.Namespace) -> None:
 
 def _workers(options: argparse.Namespace) -> Workers:
     from bus.excerpt import shown
+    from deploy.command import way_to_extra
     from deploy.sweep.workers import CONNECT_S, DaskCluster, LocalPool
 
     if options.dask:
@@ -134,7 +135,8 @@ def _workers(options: argparse.Namespace) -> Workers:
             print(f"logging in at the Dask scheduler {shown(options.dask)} ({CONNECT_S} s at most)", flush=True)
             return DaskCluster(options.dask)
         except ImportError:
-            raise ValueError("--dask needs the package distributed: run `make setup`") from None
+            hint = way_to_extra()
+            raise ValueError(f"--dask needs the package distributed: {hint}") from None
         except (OSError, ValueError, TimeoutError) as error:
             raise ValueError(
                 f"--dask {shown(options.dask)}: no scheduler answers there ({shown(error, 200)})"
@@ -148,10 +150,11 @@ def _worker_count(options: argparse.Namespace) -> int:
 
 
 def _asked(options: argparse.Namespace) -> Asked:
+    from deploy.command import call_of
     from deploy.sweep.campaign import Asked
 
     return Asked(
-        command=shlex.join(["deploy/study.py", *options.study, *_marks(options)]),
+        command=f"{call_of('study')} {shlex.join([*options.study, *_marks(options)])}",
         engine="processes" if options.processes else "in-process",
         crew="Dask" if options.dask else _worker_count(options),
         retry_failed=options.retry_failed,
@@ -178,22 +181,22 @@ def _report(out: Path | None, *, buildings: bool) -> int:
     from world.own_file import ForeignFileError
 
     if out is None and not (ROOT / "docs" / "paper.md").is_file():
-        return refuse("study.py", f"{ROOT} is no checkout, whose docs the report goes into: name a folder by --out")
+        return refuse("study", f"{ROOT} is no checkout, whose docs the report goes into: name a folder by --out")
     studies, docs = Path("runs") / "studies", out or ROOT / "docs"
     try:
         if buildings:
             pages = write_buildings(studies, docs)
         elif (docs / "results.md").exists() and (lacking := unfinished(studies)):
             return refuse(
-                "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
+                "study", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
                 "Run those studies, or write pages of what is there into another folder by --out"
             )  # fmt: skip
         else:
             pages = write_report(studies, docs)
     except (ForeignFileError, ResultsError) as error:
-        return refuse("study.py", error)
+        return refuse("study", error)
     except OSError as error:
-        return refuse("study.py", f"{error.filename}: can't write there: {error.strerror}")
+        return refuse("study", f"{error.filename}: can't write there: {error.strerror}")
     for page in pages:
         print(f"written: {page}")
     return 0

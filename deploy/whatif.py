@@ -27,10 +27,12 @@ _DIGITS: Final = 8
 
 def parser() -> Parser:
     """The command line."""
-    from deploy.command import Parser, a_number, a_whole_number
+    from deploy.command import Parser, a_number, a_whole_number, name_of
     from deploy.scenario_options import add_scenario_options
 
-    p = Parser(prog="whatif.py", description="Let every robot of a mission fail at every moment, each in a branch.")
+    p = Parser(
+        prog=name_of("whatif"), description="Let every robot of a mission fail at every moment, each in a branch."
+    )
     p.add_argument(
         "mission", nargs="?", default="three_cells", metavar="RUN_DIR|SCENARIO",
         help="a run's folder, with all that befell it; a scenario's name, a .toml file or a map's .yaml",
@@ -49,9 +51,9 @@ def parser() -> Parser:
 def main(arguments: list[str] | None = None) -> int:
     """Check everything, then run; returns the exit status."""
     options = parser().parse_args(arguments)
-    from deploy.command import INTERRUPTED, refuse, require
+    from deploy.command import INTERRUPTED, name_of, refuse, require
 
-    require(Path(__file__), ALSO_NEEDED)
+    require("whatif", ALSO_NEEDED)
     from deploy.branching import BranchError
     from deploy.criticality.results import ResultsError
     from deploy.run_folder.claim import ClaimError
@@ -60,17 +62,17 @@ def main(arguments: list[str] | None = None) -> int:
         analysis = _analysis(options)
         analysis.carry_out(options.out or _folder(analysis))
     except (ClaimError, ResultsError) as error:
-        return refuse("whatif.py", f"--out {error}")
+        return refuse("whatif", f"--out {error}")
     except ValueError as error:
-        return refuse("whatif.py", error)
+        return refuse("whatif", error)
     except BranchError as error:
-        print(f"whatif.py: {error}; the same command goes on from here", file=sys.stderr)
+        print(f"{name_of('whatif')}: {error}; the same command goes on from here", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"whatif.py: {error}; the same command goes on from here", file=sys.stderr)
+        print(f"{name_of('whatif')}: {error}; the same command goes on from here", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("whatif.py: interrupted; the same command goes on from here", file=sys.stderr)
+        print(f"{name_of('whatif')}: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
     return 0
 

@@ -15,7 +15,7 @@ from bus.built import LOOPS
 from tests import ROOT
 from tests.helpers.source_names import Names, names_of, read_names
 
-PACKAGES: Final = ("bus", "world", "medium", "agents", "monitor_station", "deploy")
+PACKAGES: Final = ("bus", "world", "medium", "agents", "monitor_station", "deploy", "vds")
 CORE_PACKAGES: Final = ("agents", "world", "medium", "monitor_station")
 SEEDS: Final = "world/seeds.py"
 """The one file that makes generators."""
@@ -230,7 +230,7 @@ def _is_ours(value: ast.expr) -> bool:
 
 
 def test_no_refusal_repeats_a_text_of_outside_at_its_whole_length() -> None:
-    found = {path: repeated_whole(tree) for path, tree in sources("bus", *CORE_PACKAGES, "deploy")}
+    found = {path: repeated_whole(tree) for path, tree in sources("bus", *CORE_PACKAGES, "deploy", "vds")}
     assert {path: names for path, names in found.items() if names} == {}
 
 

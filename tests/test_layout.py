@@ -9,7 +9,7 @@ import pytest
 
 from tests import ROOT
 
-PACKAGES = ("agents", "bus", "deploy", "medium", "monitor_station", "world")
+PACKAGES = ("agents", "bus", "deploy", "medium", "monitor_station", "vds", "world")
 MOST_LINES = 350
 MOST_MODULES = 9
 """Most modules of a room of deploy/ besides `__init__`."""

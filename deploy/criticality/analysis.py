@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from deploy.branching.branches import answers
 from deploy.branching.trunk import Branch, Order
+from deploy.command import call_of
 from deploy.criticality.failure import Failure, fail, run_mission
 from deploy.criticality.results import Results, Row
 from deploy.criticality.verdict import case_of, name_of, verdict_on
@@ -110,7 +111,7 @@ class Analysis:
         _say(console, verdict.words)
         if cases:
             worst = next(iter(cases))
-            _say(console, f"{len(cases)} failures after which not, such as: deploy/run_local.py --scenario "
+            _say(console, f"{len(cases)} failures after which not, such as: {call_of('run')} --scenario "
                  f"{results.folder / 'cases' / worst}")  # fmt: skip
         _say(console, f"table: {results.folder / 'criticality.csv'}, picture: {paths[0]}")
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from bus.excerpt import shown
+from deploy.command import call_of
 from deploy.criticality.failure import Failure
 from deploy.scenario import Scenario, with_changes
 from world.terms import tick_of
@@ -63,6 +64,6 @@ def case_of(row: Mapping[str, Any], failure: Failure, scenario: Scenario) -> str
     who = f"{failure.verb} of robot {row['robot']} at {row['at_s']:g} s, with {row['orphans']} robots behind it"
     return (
         f"# {who}: {happens}.\n"
-        f"# deploy/run_local.py --scenario {shown(name_of(row, failure))}\n"
+        f"# {call_of('run')} --scenario {shown(name_of(row, failure))}\n"
         f"{with_changes(scenario, [fault]).to_toml()}"
     )

@@ -28,7 +28,7 @@ def page(title: str, kind: str, body: Iterable[str]) -> str:
         'img-src data:"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{_CSS.read_text(encoding='utf-8')}</style></head>"
         f'<body class="{kind}"><main>{"".join(body)}</main>'
-        "<footer>Made by deploy/report.py of the VDS emulator. Times are simulated unless they say otherwise.</footer>"
+        "<footer>Made by the VDS emulator. Times are simulated unless they say otherwise.</footer>"
         "</body></html>\n"
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any, Final
 
+from deploy.command import call_of
 from deploy.page.charts import Bar, Line, Mark, bar_chart, legend, line_chart
 from deploy.page.html import card, milliseconds, number, page, percent, say, seconds, table
 from deploy.page.map_picture import MAP_KEY, map_picture
@@ -288,4 +289,4 @@ def repeat_command(run: Run) -> str:
     words = (
         ["--replay-faults", str(run.path)] if run.rows("faults") else ["--scenario", str(run.path / "scenario.toml")]
     )
-    return shlex.join(["deploy/run_local.py", *words])
+    return f"{call_of('run')} {shlex.join(words)}"

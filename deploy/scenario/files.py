@@ -14,7 +14,7 @@ from bus.user_file import read_text
 from deploy.scenario.name import name_of
 from deploy.scenario.tables import ScenarioError, nearest
 
-__all__ = ["located", "names", "parse_set", "read_source", "read_toml"]
+__all__ = ["located", "names", "parse_set", "read_source", "read_toml", "text_of"]
 
 FOLDER: Final = Path(__file__).resolve().parent.parent / "scenarios"
 _MOST_BYTES: Final = 2**20
@@ -24,6 +24,17 @@ _BARE: Final = re.compile(r"[A-Za-z_][\w:.-]*")
 def names() -> list[str]:
     """The scenarios that come with the emulator."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def text_of(name: str) -> str:
+    """The file of a scenario that comes with the emulator.
+
+    Raises:
+        ScenarioError: there is none of that name.
+    """
+    if name not in names():
+        raise ScenarioError(f"unknown scenario '{shown(name)}', {nearest(name, names())}")
+    return (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def parse_set(text: str) -> tuple[str, Any]:

@@ -26,6 +26,7 @@ from world.grid.geometry import MAX_CELLS
 from world.terms import MOST, NotNegative, Positive
 
 __all__ = [
+    "TABLES",
     "Cell",
     "Change",
     "Deadlines",
@@ -36,6 +37,7 @@ __all__ = [
     "Tables",
     "Victims",
     "checked",
+    "dataclass_in",
     "nearest",
     "validate",
     "validate_fault",
@@ -138,15 +140,20 @@ class Tables:
     __pydantic_config__ = ConfigDict(allow_inf_nan=False, extra="forbid")
 
     name: Annotated[str, MinLen(1)]
+    """Of the scenario; run folders are called after it."""
     floor_plan: FloorPlan
     description: str = ""
+    """For people."""
     policy: Annotated[str, MinLen(1)] = "vds"
     """The rules of the robots: vds (the paper's), scout, sortie, or module:Class."""
     robots: Annotated[int, Ge(1), Le(1000)] = 9
+    """N"""
     radius_m: Annotated[float, Ge(NEAREST_M), Le(MOST)] = 20.0
     """r_t; the radio's curve begins at that distance"""
     seed: Annotated[int, Ge(0), Le(2**63 - 1)] = 1
+    """Of everything random."""
     duration_s: Annotated[float, Gt(0), Le(1e8)] = 4000.0
+    """Simulated time after which the run ends."""
     speed: Literal["max"] | Positive = "max"
     """Simulated seconds per second of wall time."""
     pose_noise_m: Annotated[float, Ge(0), Le(100)] = 0.0
@@ -179,7 +186,7 @@ def validate(raw: Mapping[str, Any]) -> Tables:
     Raises:
         ScenarioError: an unknown key, a missing one, or a value out of its bounds.
     """
-    return checked(_TABLES, raw, Tables)
+    return checked(TABLES, raw, Tables)
 
 
 def validate_fault(raw: Any, index: int) -> Fault:
@@ -195,7 +202,7 @@ _WORDS: Final = {"an object": "a table", "a valid dictionary": "a table", "a val
 """What pydantic calls the values of a TOML file."""
 
 T = TypeVar("T")
-_TABLES: TypeAdapter[Tables] = TypeAdapter(Tables)
+TABLES: TypeAdapter[Tables] = TypeAdapter(Tables)
 _FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
 
 
@@ -227,7 +234,7 @@ def checked(adapter: TypeAdapter[T], raw: Any, kind: type[T], path: tuple[str | 
 
 def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
     """Refuse keys that no dataclass has, along the type hints; pydantic finds wrong types."""
-    kind = _dataclass_in(hint)
+    kind = dataclass_in(hint)
     if kind is None:
         return
     if isinstance(raw, list):
@@ -243,14 +250,14 @@ def _refuse_unknown(raw: Any, hint: Any, path: tuple[str | int, ...]) -> None:
         _refuse_unknown(value, hints[key], (*path, key))
 
 
-def _dataclass_in(hint: Any) -> Any:
+def dataclass_in(hint: Any) -> Any:
     """The dataclass that a type hint is, or that it has in a tuple or union; None if there is none."""
     if dataclasses.is_dataclass(hint):
         return hint
     if get_origin(hint) is Annotated:
-        return _dataclass_in(get_args(hint)[0])
+        return dataclass_in(get_args(hint)[0])
     if get_origin(hint) in (tuple, typing.Union, types.UnionType):
-        return next((kind for kind in map(_dataclass_in, get_args(hint)) if kind is not None), None)
+        return next((kind for kind in map(dataclass_in, get_args(hint)) if kind is not None), None)
     return None
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final, Self
 from urllib.parse import quote
 
-__all__ = ["LiveViewer", "has_display", "viewer_command"]
+__all__ = ["LiveViewer", "has_display", "rerun_program", "viewer_command"]
 
 _SERVED_WITHIN_S: Final = 60.0
 _POLL_S: Final = 0.1
@@ -79,7 +79,7 @@ class LiveViewer:
             self._process.wait()
 
     def _start(self) -> None:
-        rerun = _rerun()
+        rerun = rerun_program()
         if rerun is None:
             self._say("no viewer: the command `rerun` is not there")
             return
@@ -109,7 +109,7 @@ class LiveViewer:
         return False
 
 
-def _rerun() -> str | None:
+def rerun_program() -> str | None:
     """Path of Rerun's own program: the command `rerun` is a Python script that would not pass on a signal to it."""
     package = importlib.util.find_spec("rerun_cli")
     for folder in (package.submodule_search_locations or ()) if package else ():

@@ -23,7 +23,7 @@ def test_names_lead_to_classes() -> None:
     assert policy_class("vds") is Vds
     assert policy_class("scout") is Scout
     assert policy_class("sortie") is Sortie
-    assert issubclass(policy_class("docs.examples.nearest_frontier:NearestFrontier"), Vds)
+    assert issubclass(policy_class("vds.examples.nearest_frontier:NearestFrontier"), Vds)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_a_module_that_cannot_be_imported_is_one_line(
 
 
 def test_a_policy_of_ones_own_runs_and_differs() -> None:
-    own = {**QUICK, "policy": "docs.examples.nearest_frontier:NearestFrontier"}
+    own = {**QUICK, "policy": "vds.examples.nearest_frontier:NearestFrontier"}
     ours = Simulation(load("three_cells", own)).run()
     assert ours.finals["world"]["connected_fraction"] > 0.9
     assert ours.trace_sha256 != Simulation(load("three_cells", QUICK)).run().trace_sha256

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from deploy.ctl import question
 from deploy.screen.live_table import LiveTable
 from deploy.screen.plain_lines import PlainLines
 from world.feed import Event, Snapshot
@@ -101,22 +100,6 @@ def test_plain_lines_name_new_pids_and_tenths_of_progress_once() -> None:
     assert out[1] == "pids: robot/3 203"
     assert len(out) == 3
     assert "100% 25%" in out[2]
-
-
-@pytest.mark.parametrize(
-    ("words", "asked"),
-    [
-        ("kill 4", "fault kill:4@0"),
-        ("pause 4 5", "fault pause:4@0+5"),
-        ("restart relay:mid 5", "fault restart:relay:mid@0+5"),
-        ("jam 1,2 5", "fault jam:1,2@0+5"),
-        ("loss 0.3 10", "fault loss:0.3@0+10"),
-        ("speed 5", "speed 5"),
-        ("status", "status"),
-    ],
-)
-def test_commands_by_hand_become_what_the_world_understands(words: str, asked: str) -> None:
-    assert question(words.split()) == asked
 
 
 def test_the_first_routes_are_no_news_and_a_lost_one_is() -> None:

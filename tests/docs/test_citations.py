@@ -14,7 +14,7 @@ import pytest
 from agents.config import Rules
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-PACKAGES: Final = ("agents", "bus", "deploy", "medium", "monitor_station", "tests", "world")
+PACKAGES: Final = ("agents", "bus", "deploy", "medium", "monitor_station", "tests", "vds", "world")
 TEXTS: Final = (".md", ".pxi", ".py", ".pyi", ".pyx", ".toml")
 
 PARAGRAPH: Final = re.compile(r"^\*\*(\d+\.\d+)\*\* \*(Paper|Ours)\b", re.MULTILINE)

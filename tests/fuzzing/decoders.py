@@ -46,7 +46,7 @@ from bus.mailbox import Mailbox
 from bus.phases import decode_phases
 from bus.session import BusError, Login, port_of
 from deploy.buildings.table import COLUMNS, read_table
-from deploy.ctl import _show
+from deploy.ctl import show
 from deploy.processes.operator_file import living_launcher, read_operator, write_operator
 from deploy.run_folder.baseline import Baseline, faults_of
 from deploy.run_folder.reader import RunFilesError, read_run
@@ -213,12 +213,17 @@ def _texts() -> Iterator[WayIn]:
     commands = ["status", "hold", "step", "step 12", "go", "speed 2.5", "speed max", *(f"fault {f}" for f in faults)]
     control = Control(Pace(0.0, lambda: 0.0), 4, dict)
     answers = [json.dumps({"tick": 3, "robots": [1, 2], "held": False}), json.dumps({"error": "no"})]
+    acted = {"at_s": 0.3, "node": 4, "text": "kill:4@0.3", "done": True}
+    answers += [
+        json.dumps({"tick": 3, "robots": [1], "speed": 2.5, "search_rate": [0.5], "waiting_for": ["robot 1"]}),
+        json.dumps({"tick": 3, "fault": "kill:4@0", "acted": acted}),
+    ]
     keys = Keys("run")
     told: tuple[tuple[str, Callable[[str], object], list[str], tuple[type[Exception], ...]], ...] = (
         ("fault", parse_fault, faults, (ValueError,)),
         ("jam", jam_of, ["3,4", "0,0,20,10", "-1.5,2e1,3,1e3"], (ValueError,)),
         ("command", lambda line: json.loads(control.answer(line)), commands, ()),
-        ("answer to a command", lambda answer: _silently(_show, answer), answers, ()),
+        ("answer to a command", lambda answer: _silently(_shown_by_ctl, answer), answers, ()),
         ("setting", parse_set, ["radio.loss=0.1", "robots = 9", "policy=scout", "cell=[{name='a'}]"], (ScenarioError,)),
         ("endpoint", port_of, ["tcp/127.0.0.1:7447", "tcp/[::1]:1"], (BusError,)),
         ("run", Keys, ["three_cells-1", "a.b"], (ValueError,)),
@@ -232,6 +237,12 @@ def _texts() -> Iterator[WayIn]:
     )
     for name, read, samples, refuses in told:
         yield WayIn(name, _text(read), tuple(sample.encode() for sample in samples), refuses)
+
+
+def _shown_by_ctl(answer: str) -> None:
+    for words in (["status"], ["kill", "relay:mid"], ["pause", "4", "5"], ["step", "3"], ["speed", "2"]):
+        for whole in (False, True):
+            show(answer, words, "run", whole=whole)
 
 
 def _silently(act: Callable[[str], object], text: str) -> object:

@@ -11,14 +11,12 @@ from typing import Any
 
 import pytest
 
+from deploy.emulation import Emulation, EmulationError
 from deploy.run_folder.verdicts import settle
 from deploy.scenario import load
 from deploy.simulation import Result, Simulation
-from deploy.testing import Emulation, EmulationError, emulation
 from tests import ROOT
 from tests.helpers.waiting import alive, wait_until
-
-__all__ = ["emulation"]
 
 pytestmark = pytest.mark.processes
 

@@ -18,11 +18,8 @@ from bus.session import Mailbox, Session
 from deploy.emulation import Emulation
 from deploy.scenario import load
 from deploy.simulation import Simulation
-from deploy.testing import emulation
 from tests import ROOT
 from tests.helpers.small_run import SmallRun, small_run
-
-__all__ = ["emulation"]
 
 pytestmark = pytest.mark.processes
 

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -91,6 +92,28 @@ def test_the_page_is_served_while_the_run_lasts(tmp_path: Path) -> None:
         run.communicate()
         assert run.returncode == 0
     assert not _fetched(f"http://127.0.0.1:{port}/"), "nothing of the run is left"
+
+
+@pytest.mark.processes
+def test_a_recording_is_opened_as_a_page_without_a_display(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    short = ["--in-process", "-q", "--robots", "1", "--duration", "1", "--out", str(out)]
+    subprocess.run([sys.executable, str(ROOT / "deploy" / "run_local.py"), *short], check=True)
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "vds", "open", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=ROOT) as viewer:
+        try:
+            page = address(viewer)
+            wait_until(lambda: _fetched(f"http://127.0.0.1:{urlsplit(page).port}/"), "the viewer's page")
+            wait_until(lambda: _answers(served_port(page)), "the recording")
+        finally:
+            viewer.kill()
+
+
+def _answers(port: int) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=5):
+        return True
+    return False
 
 
 def _fetched(url: str) -> bool:

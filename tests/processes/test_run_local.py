@@ -332,13 +332,17 @@ def test_a_hand_on_the_run(start: Callable[..., Running]) -> None:
     assert ctl("step").returncode == 0
     wait_until(lambda: running.simulated_s() == pytest.approx(held + 0.1), "one tick")
     assert ctl("kill", "99").returncode == 1
-    assert ctl("kill", "2").returncode == 0
+    assert "kill 2 acts at the next tick" in ctl("kill", "2").stdout
     assert ctl("speed", "max").returncode == 0
     wait_until(lambda: not alive(pids["robot/2"]), "robot 2 is dead")
     running.wait_for(held + 20)
+    assert re.fullmatch(r"[0-9.]+ s: paused robot 3 for 1 s, run run-0\n", ctl("pause", "3", "1").stdout)
+    again = ctl("kill", "2")
+    assert (again.returncode, "is away already, nothing done" in again.stdout) == (1, True)
+    assert json.loads(ctl("--json", "status").stdout)["held"] is False
     assert ctl("interrupt").returncode == 0
     assert running.ended()[0] == 0
-    assert [fault["verb"] for fault in running.summary()["faults"]] == ["kill"]
+    assert [fault["verb"] for fault in running.summary()["faults"]] == ["kill", "pause"]
 
 
 def events_of(out: Path, kind: str) -> list[str]:

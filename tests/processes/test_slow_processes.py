@@ -17,12 +17,9 @@ from deploy.emulation import Emulation
 from deploy.run_folder.summary import shortfall
 from deploy.scenario import load
 from deploy.simulation import Simulation
-from deploy.testing import emulation
 from tests import ROOT
 from tests.helpers.small_run import ODD_TICK, Endless, LockHolder, OddSpeaker, Thinker, Waiter, small_run
 from tests.helpers.waiting import alive, wait_until
-
-__all__ = ["emulation"]
 
 pytestmark = pytest.mark.processes
 

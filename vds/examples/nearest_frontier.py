@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.body import Place
-from agents.vds import Vds
+from vds import Place, Policy
 
 
-class NearestFrontier(Vds):
+class NearestFrontier(Policy):
     """Greedy exploration (Yamauchi 1997): no utility, no regard for the targets of others."""
 
     def choose_target(self) -> Place | None:
