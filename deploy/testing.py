@@ -1,4 +1,4 @@
-"""The fixture `emulation` under its older name, `from deploy.testing import emulation`; pytest finds it without (docs/faults.md)."""
+"""The fixture `emulation` under its older name; pytest finds it without an import (docs/faults.md)."""
 
 from __future__ import annotations
 
