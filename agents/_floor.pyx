@@ -11,7 +11,7 @@ from libc.stdint cimport int64_t
 import numpy as np
 
 
-def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
+cpdef bint is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index):
     """Whether a cell is known free and one of its four neighbors unknown; what is outside counts as known."""
     cdef Py_ssize_t col = index % cols
     return cells[index] == 0 and (
@@ -20,6 +20,31 @@ def is_frontier(const signed char[::1] cells, Py_ssize_t cols, Py_ssize_t index)
         or (index >= cols and cells[index - cols] == -1)
         or (index + cols < cells.shape[0] and cells[index + cols] == -1)
     )
+
+
+def new_frontiers(
+    const int64_t[::1] changed, const signed char[::1] cells, Py_ssize_t cols, unsigned char[::1] frontier
+):
+    """Mark in `frontier` what changes of the map made of cells; returns those (int64) that are frontiers now only."""
+    cdef Py_ssize_t n = changed.shape[0], k, found = 0
+    cdef int64_t cell
+    cdef bint now
+    out = np.empty(5 * n, np.int64)
+    cdef int64_t[::1] new = out
+    cdef int64_t[5] steps = [0, -1, 1, -cols, cols]
+    cdef int64_t step
+    for k in range(n):
+        for step in steps:
+            # At the border a step may lead to the next row, or outside: to look at one cell more does no harm.
+            cell = changed[k] + step
+            if 0 <= cell < cells.shape[0]:
+                now = is_frontier(cells, cols, cell)
+                if now and not frontier[cell]:
+                    new[found] = cell
+                    found += 1
+                frontier[cell] = now
+    return out[:found]
+
 
 def obstacles(const signed char[::1] cells, Py_ssize_t cols, double u0, double v0, double du, double dv):
     """Contiguous runs of cells that are not free on a segment inside the grid, in units of cells."""
@@ -52,6 +77,7 @@ def obstacles(const signed char[::1] cells, Py_ssize_t cols, double u0, double v
         in_run = solid
         before = t
     return runs
+
 
 def newly_free(const int64_t[::1] changed, const signed char[::1] cells, unsigned char[::1] known):
     """The changed cells (int64) that are free and not marked in `known`; marks them."""

@@ -13,6 +13,10 @@ from libc.stdlib cimport free, realloc
 import numpy as np
 
 
+cdef enum:
+    AHEAD = 8  # buckets; a step of 1.42 cells that leads as far away from the goal as can be skips three
+
+
 cdef struct Bucket:
     int32_t* cells
     Py_ssize_t count
@@ -33,54 +37,76 @@ cdef int push(Bucket* bucket, int32_t cell) except -1 nogil:
     return 0
 
 
-cdef inline int shorten(
-    double[::1] found, Py_ssize_t cell, double longer, Bucket* buckets, double per_metre
-) except -1 nogil:
+cdef struct Search:
+    int32_t cols
+    double resolution_m
+    double per_metre
+    Py_ssize_t until
+    Bucket buckets[AHEAD]
+
+
+cdef inline double ahead_m(Search* search, int32_t cell) noexcept nogil:
+    """Least length of a way from a cell to the cell `until` if all cells were free; 0 without one."""
+    cdef int32_t until = <int32_t>search.until, down, right
+    if until < 0:
+        return 0.0
+    down = cell // search.cols - until // search.cols
+    right = cell % search.cols - until % search.cols
+    down, right = max(down, -down), max(right, -right)
+    # A little less, so that no step leads to where, because of rounding, length and this together are less.
+    return (1.0 - 1e-9) * search.resolution_m * (max(down, right) + (sqrt(2.0) - 1.0) * min(down, right))
+
+
+cdef inline Py_ssize_t due(Search* search, double length_m, Py_ssize_t cell) noexcept nogil:
+    """The turn of a cell."""
+    return <Py_ssize_t>((length_m + ahead_m(search, <int32_t>cell)) * search.per_metre)
+
+
+cdef inline int shorten(Search* search, double[::1] found, Py_ssize_t cell, double longer) except -1 nogil:
     """Take a way to a cell if it is the shortest so far, and queue the cell; returns 1 then, else 0."""
     if longer >= found[cell]:
         return 0
     found[cell] = longer
-    push(&buckets[<size_t>(longer * per_metre) % 3], <int32_t>cell)
+    push(&search.buckets[<size_t>due(search, longer, cell) % AHEAD], <int32_t>cell)
     return 1
 
 
 cdef int spread(
-    const signed char[::1] cells,
-    Py_ssize_t cols,
-    double resolution_m,
-    double limit_m,
-    Py_ssize_t until,
-    const int64_t[::1] seeds,
-    Bucket* buckets,
-    double[::1] found,
+    const signed char[::1] cells, double limit_m, const int64_t[::1] seeds, Search* search, double[::1] found
 ) except -1 nogil:
-    """Search on from the seeds, cells whose lengths are in `found`, ascending.
+    """Search on from the seeds, cells whose lengths are in `found`, ascending; with `until` there is one.
 
-    Buckets are narrower than the shortest step. So the cells of a bucket are final when its turn comes, in whatever
-    order they are taken, and at most two buckets lie ahead.
+    A cell's turn is by its length, and with `until` by the least length of a way over it (A*: Hart, Nilsson & Raphael
+    1968). A step raises that by less than AHEAD buckets, and never lowers it. Without `until` a bucket is narrower than
+    the shortest step. So its cells are final when its turn comes, in whatever order they are taken; with `until` a cell
+    that becomes nearer in its turn is taken again.
     """
-    cdef double per_metre = 1.0 / (0.9 * resolution_m), diagonal_m = resolution_m * sqrt(2.0), here, longer
+    cdef double resolution_m = search.resolution_m, diagonal_m = resolution_m * sqrt(2.0), here, longer
+    cdef Py_ssize_t cols = search.cols, until = search.until
     cdef Bucket* bucket
-    cdef Py_ssize_t turn = 0, waiting = 0, k, cell, seed = 0, due
+    cdef Py_ssize_t turn = 0, waiting = 0, k, cell, seed = 0, its
     cdef bint east, west, north, south
     while waiting or seed < seeds.shape[0]:
         if not waiting:
-            turn = max(turn, <Py_ssize_t>(found[seeds[seed]] * per_metre))
-        bucket = &buckets[<size_t>turn % 3]
+            turn = max(turn, due(search, found[seeds[seed]], seeds[seed]))
+        bucket = &search.buckets[<size_t>turn % AHEAD]
         while seed < seeds.shape[0]:
-            due = <Py_ssize_t>(found[seeds[seed]] * per_metre)
-            if due > turn:
+            its = due(search, found[seeds[seed]], seeds[seed])
+            if its > turn:
                 break
-            if due == turn:  # else a shorter way was found since, and was taken in an earlier bucket
+            if its == turn:  # else a shorter way was found since, and was taken in an earlier bucket
                 push(bucket, <int32_t>seeds[seed])
                 waiting += 1
             seed += 1
-        if until >= 0 and found[until] < INFINITY and <Py_ssize_t>(found[until] * per_metre) <= turn:
+        # All ways as short as the shortest are found, and the cells beside them.
+        if until >= 0 and found[until] < INFINITY and due(search, found[until] + resolution_m, until) < turn:
             break
-        for k in range(bucket.count):
+        k = 0
+        while k < bucket.count:
             cell = bucket.cells[k]
+            k += 1
             here = found[cell]
-            if <Py_ssize_t>(here * per_metre) != turn:
+            if due(search, here, cell) != turn:
                 continue  # a shorter way was found since, and was taken in an earlier bucket
             longer = here + resolution_m
             if longer > limit_m:
@@ -90,25 +116,25 @@ cdef int spread(
             north = cells[cell + cols] == 0
             south = cells[cell - cols] == 0
             if east:
-                waiting += shorten(found, cell + 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell + 1, longer)
             if west:
-                waiting += shorten(found, cell - 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell - 1, longer)
             if north:
-                waiting += shorten(found, cell + cols, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell + cols, longer)
             if south:
-                waiting += shorten(found, cell - cols, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell - cols, longer)
             longer = here + diagonal_m
             if longer > limit_m:
                 continue
             # Most diagonal neighbors have a shorter way already; that is the cheaper question, so it comes first.
             if east and north and longer < found[cell + cols + 1] and cells[cell + cols + 1] == 0:
-                waiting += shorten(found, cell + cols + 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell + cols + 1, longer)
             if west and north and longer < found[cell + cols - 1] and cells[cell + cols - 1] == 0:
-                waiting += shorten(found, cell + cols - 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell + cols - 1, longer)
             if east and south and longer < found[cell - cols + 1] and cells[cell - cols + 1] == 0:
-                waiting += shorten(found, cell - cols + 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell - cols + 1, longer)
             if west and south and longer < found[cell - cols - 1] and cells[cell - cols - 1] == 0:
-                waiting += shorten(found, cell - cols - 1, longer, buckets, per_metre)
+                waiting += shorten(search, found, cell - cols - 1, longer)
         waiting -= bucket.count
         bucket.count = 0
         turn += 1
@@ -127,20 +153,22 @@ def lengthen(
     """Carry path lengths (cells,) in metres on from `seeds` over free cells (0); infinite is where none leads.
 
     Seeds have a length each, and come in the order of it. A step leads to one of eight neighbors; a diagonal one needs
-    both cells that it passes between. No length exceeds `limit_m`. With a cell `until` >= 0 the search ends when that
-    one's length is final; longer ones may be missing or too long.
+    both cells that it passes between. No length exceeds `limit_m`. With a cell `until` >= 0 only its own length and those
+    on the shortest ways to it are sure; others may be missing or too long.
     """
-    cdef Bucket buckets[3]
+    cdef Search search
     cdef Py_ssize_t k
-    for k in range(3):
-        buckets[k].cells = NULL
-        buckets[k].count = buckets[k].room = 0
+    search.cols, search.resolution_m, search.until = <int32_t>cols, resolution_m, until
+    search.per_metre = 1.0 / (0.9 * resolution_m)
+    for k in range(AHEAD):
+        search.buckets[k].cells = NULL
+        search.buckets[k].count = search.buckets[k].room = 0
     try:
         with nogil:
-            spread(cells, cols, resolution_m, limit_m, until, seeds, buckets, lengths_m)
+            spread(cells, limit_m, seeds, &search, lengths_m)
     finally:
-        for k in range(3):
-            free(buckets[k].cells)
+        for k in range(AHEAD):
+            free(search.buckets[k].cells)
 
 
 def path(const double[::1] lengths_m, Py_ssize_t cols, double resolution_m, Py_ssize_t cell):

@@ -22,7 +22,7 @@ from agents.own_map import OwnMap
 from agents.planner import Planner, Reach
 from world.terms import Place, tick_of
 
-_LIMITS_M: Final = 12.0, 48.0, math.inf
+_LIMITS_M: Final = 3.0, 12.0, 48.0, math.inf
 """`select` searches only so far at first: no frontier beyond a limit can beat one that scores utility - limit."""
 
 

@@ -60,6 +60,12 @@ class OwnMap:
         self.reverted = 0
         """How many times a cell that was known to be free was so no longer."""
         self._changed = [np.flatnonzero(self.cells == FREE)]
+        self._is_frontier = np.zeros(self.geometry.size, np.uint8)
+        """Of each cell, when somebody last asked for the frontiers ..."""
+        self._frontiers = _NONE
+        """... which were these, ..."""
+        self._frontiers_seen = 0
+        """... with the changes up to this mark."""
 
     def integrate(
         self, x_m: float, y_m: float, ranges_m: NDArray[np.float64]
@@ -163,8 +169,13 @@ class OwnMap:
         return _floor.is_frontier(self.cells, self.geometry.cols, index)
 
     def frontiers(self) -> NDArray[np.int64]:
-        """Flat indices, ascending, of all frontier cells."""
-        return frontiers(self.cells, self.geometry)
+        """Flat indices, ascending, of all frontier cells; only what changed is looked at."""
+        changed, self._frontiers_seen = self.changes(self._frontiers_seen)
+        if changed.size:
+            new = _floor.new_frontiers(changed, self.cells, self.geometry.cols, self._is_frontier)
+            left = self._frontiers[self._is_frontier[self._frontiers] != 0]
+            self._frontiers = np.sort(np.concatenate((left, new)))
+        return self._frontiers
 
     def clear_line(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> bool:
         """Whether every cell on a segment is known free."""

@@ -195,6 +195,10 @@ class Planner:
         reach = self._search(source, math.inf, cell)
         return reach.path(cell) if reach.length_m(cell) < math.inf else []
 
+    def length_m(self, source: int, cell: int, limit_m: float) -> float:
+        """Length of the shortest path between two known free cells; infinite if none is so short."""
+        return self._search(source, limit_m, cell).length_m(cell)
+
     def clear_line(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
         """Whether every cell on a segment is known free, and no body found stands in its way."""
         return self._map.clear_line(*a, *b) and (not self._found or self._found.clear(a, b))
@@ -229,7 +233,7 @@ class Planner:
         )
 
     def _search(self, source: int, limit_m: float, until: int, *, around: bool = True) -> Reach:
-        """Shortest paths. Those longer than the path to the cell `until` may be missing or too long."""
+        """Shortest paths; with a cell `until` >= 0 only the lengths on those to it are sure."""
         self._discover()
         g = self._map.geometry
         row, col = divmod(source, g.cols)

@@ -31,7 +31,7 @@ CLEAR_M: Final = 1.0
 RESOLUTION_M: Final = 0.5
 """Of a floor plan of rectangles that says nothing of it."""
 MOST_RANGE_CELLS: Final = 1000
-"""World and robots keep data on all cells within the range of a lidar."""
+"""The world keeps a rim of walls as wide as the range of a lidar."""
 
 
 @dataclass(frozen=True)

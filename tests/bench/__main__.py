@@ -14,11 +14,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from tests.bench.fine_maps import Cost, fine_maps
 from tests.bench.floors import FLOORS, run_floor
 from tests.bench.mission import machine, mission, simulated
 from tests.bench.recording import paired, recorder_cost
 from tests.bench.row import Row
-from tests.bench.scaling import scaling
+from tests.bench.scaling import Point, scaling
 from world.own_file import ForeignFileError, require_own, write_whole
 
 
@@ -35,23 +36,27 @@ class Plan:
     pairs: int
     recorder_ticks: int
     scaling_ticks: int
+    fine_ticks: int
 
 
-QUICK = Plan({9: 30.0, 30: 8.0, 100: 2.0}, {9: 20.0, 100: 2.0}, 1.5, 1, 1_000, 20)
-FULL = Plan({9: 4000.0, 30: 120.0, 100: 30.0}, {9: 4000.0, 100: 60.0}, 8.0, 5, 12_000, 200)
+QUICK = Plan({9: 30.0, 30: 8.0, 100: 2.0}, {9: 20.0, 100: 2.0}, 1.5, 1, 1_000, 20, 100)
+FULL = Plan({9: 4000.0, 30: 120.0, 100: 30.0}, {9: 4000.0, 100: 60.0}, 8.0, 5, 12_000, 200, 600)
 SCENARIOS = {9: "three_cells", 30: "three_cells_wide", 100: "hundred"}
 
 
 def main() -> None:
     """Run everything, print the tables, write the JSON."""
     options = _parser().parse_args()
+    if options.map is not None and not options.fine_maps:
+        _parser().error("--map: only with --fine-maps")
     if options.json is not None:
         _require_place(options.json)
     console = Console(width=155)
     plan = QUICK if options.quick else FULL
     sizes = options.robots or sorted(SCENARIOS)
-    if options.scaling:
-        _scale(console, plan, options.json)
+    if options.scaling or options.fine_maps:
+        points = scaling(plan.scaling_ticks) if options.scaling else fine_maps(plan.fine_ticks, options.map)
+        _show(console, points, options.json)
         return
     rows: list[Row] = []
     for row in _rows(plan, sizes):
@@ -77,9 +82,9 @@ def _require_place(file: Path) -> None:
         _parser().error(f"--json: {error}")
 
 
-def _scale(console: Console, plan: Plan, file: Path | None) -> None:
+def _show(console: Console, measured: Iterator[Point] | Iterator[Cost], file: Path | None) -> None:
     points = []
-    for point in scaling(plan.scaling_ticks):
+    for point in measured:
         points.append(dataclasses.asdict(point))
         console.print(point, highlight=False)
     if file is not None:
@@ -90,6 +95,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="under two minutes")
     parser.add_argument("--scaling", action="store_true", help="only how the cores' cost grows, in one process")
+    parser.add_argument("--fine-maps", action="store_true", help="only what fine maps cost, in one process")
+    parser.add_argument("--map", type=Path, metavar="FILE", help="with --fine-maps: this map instead of an own one")
     parser.add_argument("--robots", type=int, action="append", choices=sorted(SCENARIOS), help="only this size")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
     return parser

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.config import RobotConfig
-from agents.own_map import OwnMap
+from agents.own_map import OwnMap, frontiers
 from world.grid import FREE, OCCUPIED, UNKNOWN
 
 
@@ -102,6 +102,9 @@ class OracleMap(OwnMap):
 
     def is_frontier(self, index: int) -> bool:
         return index in self.frontiers()
+
+    def frontiers(self) -> NDArray[np.int64]:
+        return frontiers(self.cells, self.geometry)
 
     def obstacles(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float) -> int:
         g = self.geometry

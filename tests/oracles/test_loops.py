@@ -77,6 +77,7 @@ def test_what_scans_show(places: list[tuple[float, float]], seed: int, noise_m: 
         odds = noise.integers(-told, told + 1, 20).astype(np.int8)
         ours.apply(cells, odds)
         theirs.apply(cells, odds)
+        np.testing.assert_array_equal(ours.frontiers(), theirs.frontiers())
     np.testing.assert_array_equal(ours.cells, theirs.cells)
 
 
