@@ -140,7 +140,8 @@ def row_of(key: str, told: dict[str, Any], mission: dict[str, Any], failure: Fai
     if failure.to_end:
         took, before = told["search_time_s"], mission["search_time_s"]
         row["search_time_lost_s"] = None if took is None or before is None else round(took - before, 1)
-        ours, theirs = told["victims"], mission["victims"]
+        ours = told["victims"]
+        theirs = {victim: at for victim, at in mission["victims"].items() if at >= begun}  # the others are both runs'
         row["victims_later"] = sum(v in ours and ours[v] > at for v, at in theirs.items())
         row["victims_missed"] = sum(victim not in ours for victim in theirs)
     return row
