@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         analysis = _analysis(options)
-        analysis.carry_out(options.out or _folder(analysis))
+        failed = analysis.carry_out(options.out or _folder(analysis))
     except (ClaimError, ResultsError) as error:
         return refuse("whatif.py", f"--out {error}")
     except ValueError as error:
@@ -72,7 +72,9 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("whatif.py: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
-    return 0
+    if failed:
+        print(f"whatif.py: {failed} branches failed; the same command tries them again", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _analysis(options: argparse.Namespace) -> Analysis:

@@ -58,6 +58,9 @@ def branch(
     branches = [Branch(str(i), tick, _future(scenario, at_s, more)) for i, more in enumerate(changes)]
     order = Order(scenario, branches, run_to_the_end, at_once or os.cpu_count() or 1, keeps=True)
     told = dict(answers(order))
+    for answer in told.values():
+        if isinstance(answer, BranchError):
+            raise answer
     return [Result(*told[each.key]) for each in branches]
 
 
@@ -76,8 +79,10 @@ def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
 def answers(order: Order) -> Generator[tuple[str, Any], None, None]:
     """The key of each branch and what its task returned, as they end. Closing the iterator ends what is under way.
 
+    In place of what it returned there is a `BranchError` where a task did not come to its end.
+
     Raises:
-        BranchError: a branch, or the process that runs the common past, did not come to its end.
+        BranchError: the process that runs the common past did not come to its end.
     """
     orders_in, orders_out = os.pipe()
     answers_in, answers_out = os.pipe()
@@ -111,6 +116,8 @@ def _next(incoming: IO[bytes], trunk: subprocess.Popen[bytes]) -> tuple[str, Any
         raise BranchError(f"the process that runs the past of the branches ended (status {trunk.wait()})")
     key, told = pickle.loads(body)
     whole, answer = pickle.loads(told)
-    if not whole:
-        raise BranchError(f"{f'branch {key}' if key else 'the past of the branches'}: {shown(answer, 300)}")
-    return key, answer
+    if whole:
+        return key, answer
+    if not key:
+        raise BranchError(f"the past of the branches: {shown(answer, 300)}")
+    return key, BranchError(f"branch {key}: {shown(answer, 300)}")

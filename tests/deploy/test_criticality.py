@@ -167,6 +167,37 @@ def test_each_harmful_failure_is_a_scenario_that_can_be_run(tmp_path: Path) -> N
     assert load(path).tables == with_changes(scenario, ["restart:4@24+4"]).tables
 
 
+ONCE = """
+from agents.vds import Vds
+
+class Once(Vds):
+    made = 0
+
+    def __init__(self, *args, **keys):
+        super().__init__(*args, **keys)
+        Once.made += 1
+        if Once.made == 3:
+            raise RuntimeError("a third robot")
+"""
+
+
+def test_a_branch_that_fails_costs_its_row_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "once.py").write_text(ONCE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    out = ("--duration", "8", "--every", "4", "--horizon", "3", "--out", "out")
+    restart = ("three_cells", "--robots", "2", "--policy", "once:Once", "--verb", "restart", "--away", "1")
+    assert main([*restart, *out]) == 1
+    sys.modules.pop("once")
+    told = capfd.readouterr()
+    assert told.out.count("a third robot") == 2
+    assert "2 branches failed; the same command tries them again" in told.err
+    assert "no failure has a result" in told.out
+    assert (tmp_path / "out" / "rows.jsonl").read_text() == ""
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
