@@ -89,11 +89,11 @@ def _analysis(options: argparse.Namespace) -> Analysis:
     from world.terms import TICK_S, tick_of
 
     if options.verb not in get_args(Verb):
-        raise ValueError(f"--verb {shown(options.verb)}: expected {', '.join(get_args(Verb))}")
+        raise ValueError(f"--verb {shown(options.verb)}: expected {shown(', '.join(get_args(Verb)))}")
     if options.verb == "kill" and options.away is not None:
         raise ValueError("--away is for pause and restart: kill is for good")
     if options.workers is not None and options.workers < 1:
-        raise ValueError(f"--workers {options.workers}: at least 1")
+        raise ValueError(f"--workers {options.workers:d}: at least 1")
     away_s = None if options.verb == "kill" else _AWAY_S if options.away is None else options.away
     for name, value in {"every": options.every, "horizon": options.horizon, "away": away_s}.items():
         if value is not None and not (TICK_S <= value <= 1e6 and abs(tick_of(value) * TICK_S - value) < 1e-6):

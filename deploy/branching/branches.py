@@ -69,7 +69,7 @@ def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
     own = scenario.tables
     for fault in future.tables.fault[len(own.fault) :]:
         if tick_of(fault.at_s) < tick_of(at_s):
-            raise ScenarioError(f"fault '{describe(fault)}' acts before the branch at at_s = {at_s:g}")
+            raise ScenarioError(f"fault '{shown(describe(fault))}' acts before the branch at at_s = {at_s:g}")
     for change in future.tables.change[len(own.change) :]:
         if tick_of(change.at_s) < tick_of(at_s):
             raise ScenarioError(f"a change at at_s = {change.at_s:g} acts before the branch at at_s = {at_s:g}")
@@ -113,7 +113,7 @@ def _next(incoming: IO[bytes], trunk: subprocess.Popen[bytes]) -> tuple[str, Any
     head = incoming.read(LENGTH.size)
     body = incoming.read(LENGTH.unpack(head)[0]) if len(head) == LENGTH.size else b""
     if not body:
-        raise BranchError(f"the process that runs the past of the branches ended (status {trunk.wait()})")
+        raise BranchError(f"the process that runs the past of the branches ended (status {trunk.wait():d})")
     key, told = pickle.loads(body)
     whole, answer = pickle.loads(told)
     if whole:
