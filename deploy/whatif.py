@@ -60,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         analysis = _analysis(options)
-        analysis.carry_out(options.out or _folder(analysis))
+        failed = analysis.carry_out(options.out or _folder(analysis))
     except (ClaimError, ResultsError) as error:
         return refuse("whatif", f"--out {error}")
     except ValueError as error:
@@ -74,7 +74,9 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{name_of('whatif')}: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
-    return 0
+    if failed:
+        print(f"whatif.py: {failed} branches failed; the same command tries them again", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _analysis(options: argparse.Namespace) -> Analysis:
@@ -89,11 +91,11 @@ def _analysis(options: argparse.Namespace) -> Analysis:
     from world.terms import TICK_S, tick_of
 
     if options.verb not in get_args(Verb):
-        raise ValueError(f"--verb {shown(options.verb)}: expected {', '.join(get_args(Verb))}")
+        raise ValueError(f"--verb {shown(options.verb)}: expected {shown(', '.join(get_args(Verb)))}")
     if options.verb == "kill" and options.away is not None:
         raise ValueError("--away is for pause and restart: kill is for good")
     if options.workers is not None and options.workers < 1:
-        raise ValueError(f"--workers {options.workers}: at least 1")
+        raise ValueError(f"--workers {options.workers:d}: at least 1")
     away_s = None if options.verb == "kill" else _AWAY_S if options.away is None else options.away
     for name, value in {"every": options.every, "horizon": options.horizon, "away": away_s}.items():
         if value is not None and not (TICK_S <= value <= 1e6 and abs(tick_of(value) * TICK_S - value) < 1e-6):

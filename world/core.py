@@ -160,7 +160,7 @@ class World:
         """
         check_fault(fault, self._config.robots, self._config.duration_s)
         if tick_of(fault.at_s) < self.tick:
-            raise ValueError(f"{describe(fault)}: the run is at {seconds_of(self.tick):g} s already")
+            raise ValueError(f"{shown(describe(fault))}: the run is at {seconds_of(self.tick):g} s already")
         self._agenda.schedule(fault)
 
     # A tick

@@ -58,6 +58,9 @@ def branch(
     branches = [Branch(str(i), tick, _future(scenario, at_s, more)) for i, more in enumerate(changes)]
     order = Order(scenario, branches, run_to_the_end, at_once or os.cpu_count() or 1, keeps=True)
     told = dict(answers(order))
+    for answer in told.values():
+        if isinstance(answer, BranchError):
+            raise answer
     return [Result(*told[each.key]) for each in branches]
 
 
@@ -66,7 +69,7 @@ def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
     own = scenario.tables
     for fault in future.tables.fault[len(own.fault) :]:
         if tick_of(fault.at_s) < tick_of(at_s):
-            raise ScenarioError(f"fault '{describe(fault)}' acts before the branch at at_s = {at_s:g}")
+            raise ScenarioError(f"fault '{shown(describe(fault))}' acts before the branch at at_s = {at_s:g}")
     for change in future.tables.change[len(own.change) :]:
         if tick_of(change.at_s) < tick_of(at_s):
             raise ScenarioError(f"a change at at_s = {change.at_s:g} acts before the branch at at_s = {at_s:g}")
@@ -76,8 +79,10 @@ def _future(scenario: Scenario, at_s: float, more: Sequence[Any]) -> Scenario:
 def answers(order: Order) -> Generator[tuple[str, Any], None, None]:
     """The key of each branch and what its task returned, as they end. Closing the iterator ends what is under way.
 
+    In place of what it returned there is a `BranchError` where a task did not come to its end.
+
     Raises:
-        BranchError: a branch, or the process that runs the common past, did not come to its end.
+        BranchError: the process that runs the common past did not come to its end.
     """
     orders_in, orders_out = os.pipe()
     answers_in, answers_out = os.pipe()
@@ -108,9 +113,11 @@ def _next(incoming: IO[bytes], trunk: subprocess.Popen[bytes]) -> tuple[str, Any
     head = incoming.read(LENGTH.size)
     body = incoming.read(LENGTH.unpack(head)[0]) if len(head) == LENGTH.size else b""
     if not body:
-        raise BranchError(f"the process that runs the past of the branches ended (status {trunk.wait()})")
+        raise BranchError(f"the process that runs the past of the branches ended (status {trunk.wait():d})")
     key, told = pickle.loads(body)
     whole, answer = pickle.loads(told)
-    if not whole:
-        raise BranchError(f"{f'branch {key}' if key else 'the past of the branches'}: {shown(answer, 300)}")
-    return key, answer
+    if whole:
+        return key, answer
+    if not key:
+        raise BranchError(f"the past of the branches: {shown(answer, 300)}")
+    return key, BranchError(f"branch {key}: {shown(answer, 300)}")

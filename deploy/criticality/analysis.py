@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from deploy.branching.branches import answers
+from deploy.branching.branches import BranchError, answers
 from deploy.branching.trunk import Branch, Order
 from deploy.command import call_of
 from deploy.criticality.failure import Failure, fail, run_mission
@@ -46,25 +46,32 @@ class Analysis:
             "every_s": self.every_s, "code": f"{code_version()}-{_own_code()}",
         }  # fmt: skip
 
-    def carry_out(self, folder: Path) -> None:
+    def carry_out(self, folder: Path) -> int:
         """Run what is not done, then write tables, picture, verdict and cases of all that there is.
+
+        Returns:
+            How many branches did not come to their end, as by an exception of a policy; they have no row.
 
         Raises:
             ClaimError, ResultsError: the folder can't be used.
-            BranchError: the mission or a branch did not come to its end; the rows before it are kept.
+            BranchError: the mission did not come to its end.
             KeyboardInterrupt: the user's; all that there is has been written.
         """
         console = Console()
         with contextlib.closing(Results(folder, self.asked, self.scenario.to_toml())) as results:
             try:
-                self._run(results, console)
+                return self._run(results, console)
             finally:
                 if rows := results.rows():
                     self._conclude(results, rows, console)
                 else:
-                    _say(console, "no failure has been tried: none was reached, or the mission ends before the first")
+                    _say(
+                        console,
+                        "no failure has a result: none was tried to its end, or the mission ends before the first",
+                    )
 
-    def _run(self, results: Results, console: Console) -> None:
+    def _run(self, results: Results, console: Console) -> int:
+        failed = 0
         with _bar(console) as bar:
             mission = results.mission()
             if mission is None:
@@ -79,13 +86,20 @@ class Analysis:
             if todo:
                 with contextlib.closing(answers(self._order(todo))) as told:
                     for key, answer in told:
-                        results.add(row_of(key, answer, mission, self.failure))
+                        if isinstance(answer, BranchError):
+                            failed += 1
+                            bar.console.print(f"failed: {answer}", markup=False, highlight=False, soft_wrap=True)
+                        else:
+                            results.add(row_of(key, answer, mission, self.failure))
                         bar.advance(task)
+        return failed
 
     def _mission(self) -> dict[str, Any]:
         task = functools.partial(run_mission, every=tick_of(self.every_s))
         order = Order(self.scenario, [Branch("mission", 0, self.scenario)], task, 1, keeps=False)
         ((_, mission),) = answers(order)
+        if isinstance(mission, BranchError):
+            raise mission
         return dict(mission)
 
     def _order(self, todo: Sequence[tuple[int, int]]) -> Order:
@@ -141,7 +155,8 @@ def row_of(key: str, told: dict[str, Any], mission: dict[str, Any], failure: Fai
     if failure.to_end:
         took, before = told["search_time_s"], mission["search_time_s"]
         row["search_time_lost_s"] = None if took is None or before is None else round(took - before, 1)
-        ours, theirs = told["victims"], mission["victims"]
+        ours = told["victims"]
+        theirs = {victim: at for victim, at in mission["victims"].items() if at >= begun}  # the others are both runs'
         row["victims_later"] = sum(v in ours and ours[v] > at for v, at in theirs.items())
         row["victims_missed"] = sum(victim not in ours for victim in theirs)
     return row

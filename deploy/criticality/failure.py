@@ -70,8 +70,6 @@ def fail(past: Past, branch: Branch, failure: Failure) -> dict[str, Any]:
     """A branch whose last fault is the failure of a robot; returns what it led to, in JSON types."""
     watch = _Watch(branch.tick, branch.tick + tick_of(failure.for_s or 0.0), tick_of(failure.horizon_s))
     victims: dict[str, int] = {}
-    if past.snapshots:
-        _note_victims(victims, past.snapshots[-1])
     orphans: int | None = None
     stopped = False
     while not stopped and (failure.to_end or not watch.ended):

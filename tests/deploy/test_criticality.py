@@ -87,13 +87,15 @@ def test_a_branch_ends_once_everybody_was_back_for_ten_seconds(analysed: Path) -
 
 
 @pytest.mark.parametrize("verb", ["pause", "restart"])
-def test_a_robot_that_comes_back_must_have_a_path_too(verb: Any) -> None:
+def test_a_robot_that_comes_back_must_have_a_path_too(verb: Any, analysed: Path) -> None:
     scenario = load(CORRIDOR, {"duration_s": 60.0})
-    failure = Failure(verb, 3.0, 40.0, to_end=False)
-    branch = Branch("4@240", 240, with_changes(scenario, [failure.fault(4, 240)]))
+    nobody_behind = next(row["robot"] for row in rows(analysed) if row["at_s"] == 24.0 and not row["orphans"])
+    failure = Failure(verb, 12.0, 40.0, to_end=False)
+    branch = Branch("one", 240, with_changes(scenario, [failure.fault(nobody_behind, 240)]))
     ((_, told),) = answers(Order(scenario, [branch], functools.partial(fail, failure=failure), 1, keeps=False))
+    assert told["orphans"] == 0
     assert told["recovered"]
-    assert told["back_s"] >= 3.0
+    assert told["back_s"] >= 12.0
 
 
 def test_to_the_end_tells_what_a_failure_cost_the_search() -> None:
@@ -103,7 +105,7 @@ def test_to_the_end_tells_what_a_failure_cost_the_search() -> None:
     }  # fmt: skip
     told = {
         "orphans": 2, "recovered": True, "back_s": 5.0, "without_path_robot_s": 8.0, "watched_s": 15.0, "ended": "back",
-        "search_time_s": 312.5, "victims": {"0": 90, "1": 160, "2": 190},
+        "search_time_s": 312.5, "victims": {"0": 100, "1": 160, "2": 190},
     }  # fmt: skip
     found = row_of("4@100", told, mission, Failure("kill", None, 90.0, to_end=True))
     assert found["anyway_robot_s"] == 6.0
@@ -119,6 +121,9 @@ def test_a_branch_can_go_on_to_the_end_of_its_mission() -> None:
     ((_, told),) = answers(Order(scenario, [branch], functools.partial(fail, failure=failure), 1, keeps=False))
     assert told["ticks"] == 340
     assert told["watched_s"] <= 15.0
+    run = Simulation(branch.scenario).run()
+    assert sorted(map(int, told["victims"])) == run.finals["station"]["victims_found"]
+    assert all(int(victim) in run.snapshots[tick].victims_found for victim, tick in told["victims"].items())
 
 
 def row(cost: float, *, back_s: float | None, watched_s: float = 90.0, robot: int = 1, at_s: float = 10.0) -> Any:
@@ -160,6 +165,37 @@ def test_each_harmful_failure_is_a_scenario_that_can_be_run(tmp_path: Path) -> N
     (path,) = (folder / "cases").iterdir()
     assert path.read_text().startswith("# restart of robot 4 at 24 s, with 1 robots behind it: after 90 s somebody is")
     assert load(path).tables == with_changes(scenario, ["restart:4@24+4"]).tables
+
+
+ONCE = """
+from agents.vds import Vds
+
+class Once(Vds):
+    made = 0
+
+    def __init__(self, *args, **keys):
+        super().__init__(*args, **keys)
+        Once.made += 1
+        if Once.made == 3:
+            raise RuntimeError("a third robot")
+"""
+
+
+def test_a_branch_that_fails_costs_its_row_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "once.py").write_text(ONCE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    out = ("--duration", "8", "--every", "4", "--horizon", "3", "--out", "out")
+    restart = ("three_cells", "--robots", "2", "--policy", "once:Once", "--verb", "restart", "--away", "1")
+    assert main([*restart, *out]) == 1
+    sys.modules.pop("once")
+    told = capfd.readouterr()
+    assert told.out.count("a third robot") == 2
+    assert "2 branches failed; the same command tries them again" in told.err
+    assert "no failure has a result" in told.out
+    assert (tmp_path / "out" / "rows.jsonl").read_text() == ""
 
 
 @pytest.mark.parametrize(
