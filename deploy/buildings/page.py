@@ -35,8 +35,8 @@ is varied at a time: what walls do to the radio on all buildings, all else on th
   brackets 95 % intervals: of a median by bootstrap, of the share that finished after Wilson.
 * **Bound**: what no fleet can beat (`deploy/sweep/lower_bound.py`), the longer of the *walk* until one robot sees the
   last place and the *sweep*, the area over what N lidars sweep. **Chain**: the fewest robots that can see the last
-  place while they keep the path to the MS. **Gap left**: T100 less the bound, over the same of `scout` in that
-  building.
+  place while they keep the path to the MS, standing a metre apart or more on a grid; *none* if no such chain sees one
+  of the places. **Gap left**: T100 less the bound, over the same of `scout` in that building.
 * **Connected**: share of the robot-ticks with a path to the MS, mean. **Absent**: the longest time for which a robot
   had none, on purpose or not, of all missions. **Age**: the time from a scan until the MS had merged its report,
   median and 95th percentile over the reports of a mission, of which the median is shown. **Walked**: all robots
