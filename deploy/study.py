@@ -180,7 +180,7 @@ def _report(out: Path | None) -> int:
         return refuse("study.py", f"{ROOT} is no checkout, whose docs the report goes into: name a folder by --out")
     studies, docs = Path("runs") / "studies", out or ROOT / "docs"
     try:
-        if (docs / "results.md").exists() and (lacking := unfinished(studies)):
+        if (docs / "results.md").exists() and (lacking := unfinished(studies, docs)):
             return refuse(
                 "study.py", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
                 "Run those studies, or write pages of what is there into another folder by --out"
