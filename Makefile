@@ -12,7 +12,7 @@ PROGRESS := -e 's/^  Installing build dependencies: started/  gets the compiler 
   -e 's/^  Building editable .*started/  compiles the loops/p' \
   -e 's/^Installing collected packages.*/  installs all of them/p'
 
-.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz acceptance chaos soak study clean
+.PHONY: setup run test check format compiled bench bench-compiled properties properties-compiled fuzz mutants acceptance chaos soak study clean
 
 setup: $(STAMP)
 
@@ -61,6 +61,11 @@ properties-compiled: compiled
 # A million messages, texts and files that are none. ARGS='--inputs 10000 --seed 7', or '--batch 1234' for one of its batches again.
 fuzz: setup
 	$(BIN)/python -m tests.fuzz $(ARGS)
+
+# Changes the rules one at a time and says which change no test notices (docs/tests.md). ARGS='planted', or
+# 'generated --share 0.1 --seed 1', or '--only agents/nms.py'.
+mutants: setup
+	$(BIN)/python -m tests.mutants $(ARGS)
 
 acceptance: setup
 	mkdir -p build

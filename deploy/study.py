@@ -186,7 +186,7 @@ def _report(out: Path | None, *, buildings: bool) -> int:
     try:
         if buildings:
             pages = write_buildings(studies, docs)
-        elif (docs / "results.md").exists() and (lacking := unfinished(studies)):
+        elif (docs / "results.md").exists() and (lacking := unfinished(studies, docs)):
             return refuse(
                 "study", f"{docs} keeps its pages, since results are missing in {studies}: {', '.join(lacking)}. "
                 "Run those studies, or write pages of what is there into another folder by --out"

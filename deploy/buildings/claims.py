@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
-from deploy.paper.claims import Verdict
 from deploy.sweep.statistics import median_of
 
-__all__ = ["ASKED", "T100", "buildings_claims", "time_s"]
+__all__ = ["ASKED", "T100", "Verdict", "buildings_claims", "time_s"]
 
 T100: Final = "known_free.t100_s"
 
@@ -30,6 +30,20 @@ ASKED: Final[Mapping[str, Sequence[str]]] = {
     "scout, disk, 20 kB/s": HOSPITAL,
 }
 """Variants, and the buildings on which the claims need them."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One claim, which says its own rule, and what decides it."""
+
+    claim: str
+    found: str
+    holds: bool | None
+    """None: too few missions have been run to judge it."""
+
+    @property
+    def word(self) -> str:
+        return {True: "holds", False: "does not hold", None: "open"}[self.holds]
 
 
 def time_s(row: Row, time: str = T100) -> float:

@@ -74,7 +74,7 @@ def page_of(cells: Sequence[Cell], rows: Sequence[Mapping[str, Any]]) -> str:
     }
     lines = [_HEAD, "## What has been run", "", *_progress(by_cell), "## What it was asked to show", ""]
     lines += ["| asked, of ten seeds | found | |", "|---|---|---|"]
-    lines += [f"| {v.claim} | {v.found} | {'open' if v.holds is None else v.word} |" for v in buildings_claims(rows)]
+    lines += [f"| {v.claim} | {v.found} | {v.word} |" for v in buildings_claims(rows)]
     lines += ["", "*Open*: seeds are missing, and those that were run do not decide it.", ""]
     for condition in dict.fromkeys(_condition(cell) for cell in cells):
         here = {cell: of_cell for cell, of_cell in by_cell.items() if of_cell and _condition(cell) == condition}
@@ -151,7 +151,7 @@ def _times(rows: Sequence[Mapping[str, Any]], time: str) -> str:
 
 
 def _ends(found: Interval) -> str:
-    return "" if math.isnan(found.low) else f" [{found.low:.0f}, {found.high:.0f}]"
+    return "" if found.low == found.high else f" [{found.low:.0f}, {found.high:.0f}]"
 
 
 def _gap(rows: Sequence[Mapping[str, Any]], reference: Sequence[Mapping[str, Any]], bound_s: float) -> str:

@@ -1,10 +1,12 @@
 """Writes docs/results.md and docs/policies.md from the results of studies; no number in them is typed by hand.
 
-A function of the results judges each claim of the paper's text. A study without results says so.
+A function of the results judges each claim of the paper's text. A study without results says so. Results are those of
+runs/studies, else the tables beside the pages, which the last report left there.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,13 +14,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from bus.excerpt import shown
+from deploy.json_file import read_object
 from deploy.paper.claims import Verdict, fig6_claims, fig7_claims
-from deploy.paper.prototype import PROTOTYPE_FIG6_S, PROTOTYPE_FIG7_S
 from deploy.scenario import load
 from deploy.sweep.bounds import Bounds, bounds_of
 from deploy.sweep.plan import BASE, Study, Variant, load_study, points_of
-from deploy.sweep.results import Results, Row, Series
-from deploy.sweep.statistics import ALL, estimate, kept, ratio, usable
+from deploy.sweep.results import Results, Row, Series, read_csv, read_series
+from deploy.sweep.statistics import Interval, censored, censored_s, kept, ratio, usable
 from world.own_file import ForeignFileError, require_own, write_whole
 
 __all__ = ["unfinished", "write_report"]
@@ -36,9 +38,11 @@ _HEAD: Final = f"""\
 
 Our copy of the paper has no figures, so its Fig. 3 (the flowchart of behavior) and Fig. 5 (the floor plan) are missing.
 Our rules and floor plan are reconstructions ([paper.md](paper.md)). What can be compared is the shape of the curves,
-as the paper's text describes it; its numbers are not known. Numbers are compared with those of an independent prototype
-on the same floor plan. All robots of the prototype share one map at once, while here scans travel hop by hop. Intervals
-are 95 % confidence intervals of the mean (Student's t).
+as the paper's text describes it; its numbers are not known. The text has words only, so the rules by which a claim
+holds, holds in part or does not hold are ours; they stand beside each verdict.
+
+A run that did not finish is left out nowhere: it counts with its time limit. Times are means of min(T, limit) with 95 %
+bootstrap intervals, beside the number of runs that finished. Variants are compared seed by seed.
 """
 
 
@@ -52,18 +56,14 @@ walls: a silent neighbor counts as far away [paper 3.7]. `scout` is our own poli
 robots predict from their maps where walls will stop the radio, call for help when their chain is too short, and walk
 faster where there is nothing to see. **Part of its gain is walking faster**: it walks at 2 km/h, which the paper keeps
 for tracing other robots. So where the two are compared there are two numbers for `scout`, one of them at the paper's 1
-km/h. Intervals are 95 % confidence intervals: of a mean by Student's t, of a ratio those of the ratio of two means over
-the same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
+km/h. A run that did not finish counts with its time limit; intervals are 95 % bootstrap intervals, of ratios over the
+same seeds. The paper's rules without that rule of ours are a variant of the radio study ([results.md](results.md):
 "walls block, no rule A"). Here scans count as soon as they arrive, even if their robot was cut off meanwhile
 (`store_and_forward = true`); the paper's figures discard those.
 
 A third policy, [`sortie`](sortie.md), stands on top of `scout` and leaves the network for a while on purpose. It is for
 real buildings; the tables below are older than it.
 """
-
-_WITHIN: Final = """\
-Search time of all cells, mean ± standard deviation of the runs that finished, against the prototype's. *Within* means
-that the two means differ by no more than the prototype's standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,17 @@ class _Found:
     notes: Mapping[str, Any]
 
 
-def unfinished(studies: Path) -> list[str]:
-    """The studies that lack runs, such as "fig6 (12 of 90 runs)"; a page of them would pass for a whole one."""
+def unfinished(studies: Path, docs: Path) -> list[str]:
+    """The studies that lack runs, such as "fig6 (12 of 90 runs)", or without a table though the pages show them."""
+    shows = "".join(path.read_text(encoding="utf-8") for path in docs.glob("*.md"))
     lacking = []
     for name in (*RESULTS, *POLICIES):
         there = {row["key"] for row in Results(studies / name).rows()}
         planned = {point.key for point in points_of(load_study(name))} if there else set()
-        if not there or not planned <= there:
-            lacking.append(f"{name} ({len(planned & there)} of {len(planned)} runs)" if there else name)
+        if there and not planned <= there:
+            lacking.append(f"{name} ({len(planned & there)} of {len(planned)} runs)")
+        elif not there and f"(results/{name}.csv)" in shows and not (docs / "results" / f"{name}.csv").exists():
+            lacking.append(name)
     return lacking
 
 
@@ -119,27 +122,51 @@ def _page(path: Path, head: str, names: Sequence[str], studies: Path) -> Path:
     for name in names:
         study = load_study(name)
         lines += [f"## {study.title or name}", ""]
-        found = _find(study, studies / name)
+        found = _find(study, studies / name, pictures)
         if found is None:
             lines += [f"Not measured yet: `deploy/study.py {name}`.", ""]
             continue
         lines += _origin(found)
-        for file in (studies / name / f"{name}.png", studies / name / f"{name}.svg", studies / name / "results.csv"):
-            if file.exists():
-                write_whole(pictures / (f"{name}.csv" if file.suffix == ".csv" else file.name), file.read_bytes())
         lines += [f"![{study.title or name}](results/{name}.png)", ""]
         lines += writers.get(name, _variants)(found)
     write_whole(path, "\n".join(lines).rstrip() + "\n")
     return path
 
 
-def _find(study: Study, folder: Path) -> _Found | None:
-    if not (folder / "results.parquet").exists():
-        return None
+def _find(study: Study, folder: Path, kept_in: Path) -> _Found | None:
+    """The results of a study: those of its folder, which are then kept beside the pages, else those kept there."""
+    name = study.name
+    table, series, notes = (kept_in / f"{name}{ending}" for ending in (".csv", ".series.parquet", ".json"))
     results = Results(folder)
-    planned = {point.key for point in points_of(study)}
-    rows = [row for row in results.rows() if row["key"] in planned]
-    return _Found(study, rows, results.series(), bounds_of(load(study.scenario)), results.noted())
+    if (folder / "results.parquet").exists():
+        planned = {point.key for point in points_of(study)}
+        rows = [row for row in results.rows() if row["key"] in planned]
+        copies = {"results.csv": table, "study.json": notes, f"{name}.png": kept_in / f"{name}.png"}
+        copies[f"{name}.svg"] = kept_in / f"{name}.svg"
+        if study.discard is not None:
+            copies["series.parquet"] = series
+        for file, copy in copies.items():
+            if (folder / file).exists():
+                write_whole(copy, (folder / file).read_bytes())
+        found, noted = results.series(), results.noted()
+    elif table.exists():
+        rows, found = read_csv(table), read_series(series)
+        noted = read_object(notes) if notes.exists() else {}
+    else:
+        return None
+    fleets = {row["robots"] for row in rows} if study.plot == "search_time" else ()
+    bounds = _bounds(study.scenario, tuple(sorted(fleets)))
+    if not (folder / "results.parquet").exists() and (found or study.plot != "search_rate"):
+        from deploy.sweep.plots import draw  # late: Matplotlib takes a second
+
+        draw(study, rows, found, bounds, kept_in)
+    return _Found(study, rows, found, bounds, noted)
+
+
+@functools.cache
+def _bounds(scenario: str, fleets: tuple[int, ...]) -> Bounds:
+    """They take seconds, and several studies are about one scenario."""
+    return bounds_of(load(scenario), fleets)
 
 
 def _origin(found: _Found) -> list[str]:
@@ -153,73 +180,62 @@ def _origin(found: _Found) -> list[str]:
 
 
 def _claims(verdicts: Sequence[Verdict]) -> list[str]:
-    lines = ["| the paper's text | here | verdict |", "|---|---|---|"]
-    return [*lines, *(f"| {v.claim} | {v.found} | **{v.word}** |" for v in verdicts), ""]
+    lines = ["| the paper's text | here | verdict | by this rule |", "|---|---|---|---|"]
+    return [*lines, *(f"| {v.claim} | {v.found} | **{v.word}** | {v.rule} |" for v in verdicts), ""]
 
 
 def _fig6(found: _Found) -> list[str]:
     lines = _claims(fig6_claims(found.rows, found.series, found.study.discard))
-    lines += [
-        "| N | runs kept | cell | finished | search time (s) | prototype (s) | ratio |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    lines += ["| N | runs | cell | finished | search time (s) | searched at the end |", "|---|---|---|---|---|---|"]
     for robots in sorted({row["robots"] for row in usable(found.rows)}, reverse=True):
         of_fleet = [row for row in usable(found.rows) if row["robots"] == robots]
         left = kept(of_fleet, found.series, found.study.discard)
-        for i, cell in enumerate(("1", "2")):
-            times = [row[f"search_time_s.{cell}"] for row in left if row[f"search_time_s.{cell}"] is not None]
-            ours, theirs = estimate(times), PROTOTYPE_FIG6_S.get(robots)
-            relative = f"{ours.mean / theirs[i]:.2f}" if theirs and times else ""
-            lines.append(
-                f"| {robots} | {len(left)} of {len(of_fleet)} | {cell} | {len(times)} of {len(left)} "
-                f"| {_mean(times)} | {f'{theirs[i]:.0f}' if theirs else '-'} | {relative} |"
-            )
-    return [*lines, "", _discard_words(found.study), ""]
+        for name, rows in ((f"{len(left)} kept", left), (f"all {len(of_fleet)}", of_fleet)):
+            lines += [_fig6_line(robots, name, rows, cell) for cell in ("1", "2") if rows]
+    return [*lines, "", _discard_words(found), ""]
 
 
-def _discard_words(study: Study) -> str:
-    rule = study.discard
+def _fig6_line(robots: int, name: str, rows: Sequence[Mapping[str, Any]], cell: str) -> str:
+    times = censored(rows, f"search_time_s.{cell}")
+    rate = sum(row[f"search_rate.{cell}"] for row in rows) / len(rows)
+    return f"| {robots} | {name} | {cell} | {times.finished} of {times.runs} | {_seconds(times.mean_s)} | {rate:.0%} |"
+
+
+def _discard_words(found: _Found) -> str:
+    rule = found.study.discard
     if rule is None:
         return "No run is discarded."
-    return (
+    words = (
         f"A run is discarded, as the paper does, if it searches cell {rule.cell} before cell {rule.before}: by which "
         f"of them was finished first, or, if neither was, by which first reached {rule.onset_rate:.0%}. "
         "How the paper decided this is not known."
     )
+    unknown = sum(row["key"] not in found.series for row in usable(found.rows))
+    return words + (
+        f" The time series of {unknown} of these runs were not kept, so those of them that finished neither cell all "
+        "count as kept. The picture was drawn when they were there."
+        if unknown
+        else ""
+    )
 
 
 def _fig7(found: _Found) -> list[str]:
-    low_s, high_s = found.bounds.t_low_s
-    bounds = ", ".join(f"{found.bounds.r_low_m(n):.1f} m for N = {n}" for n in (6, 9, 12))
-    lines = [f"T_low = {low_s:.0f} to {high_s:.0f} s; r_low = {bounds} (`deploy/sweep/bounds.py`).", ""]
-    lines += _claims(fig7_claims(found.rows, found.bounds))
-    lines += [_WITHIN, ""]
-    lines += [
-        "| N | r_t (m) | finished | here (s) | 95 % CI | prototype (s) | ratio | within |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in usable(found.rows)}):
-        lines.append(_fig7_line(found.rows, robots, radius_m))
-    return [*lines, ""]
-
-
-def _fig7_line(rows: Sequence[Row], robots: int, radius_m: float) -> str:
-    here = [row for row in usable(rows) if (row["robots"], row["radius_m"]) == (robots, radius_m)]
-    times = [row[ALL] for row in here if row[ALL] is not None]
-    ours, key = estimate(times), (robots, radius_m)
-    theirs = PROTOTYPE_FIG7_S.get(key)
-    reference = f"{theirs[0]:.0f} ± {theirs[1]:.0f}" if theirs else "none finished" if key in PROTOTYPE_FIG7_S else "-"
-    relative = within = ""
-    if theirs and times:
-        relative = f"{ours.mean / theirs[0]:.2f}"
-        within = "yes" if abs(ours.mean - theirs[0]) <= theirs[1] else "no"
-    elif key in PROTOTYPE_FIG7_S:
-        within = "yes" if not times and not theirs else "no"
-    spread = f"{ours.mean:.0f} ± {ours.sd:.0f}" if times else "-"
-    return (
-        f"| {robots} | {radius_m:g} | {len(times)} of {len(here)} | {spread} | {_mean(times)} | {reference} | "
-        f"{relative} | {within} |"
+    bounds, fleets = found.bounds, sorted({row["robots"] for row in usable(found.rows)})
+    radio = ", ".join(f"{bounds.radio_m[n]:.1f} m for N = {n}" for n in fleets)
+    corridor = ", ".join(f"{bounds.corridor_m(n):.1f} m" for n in fleets)
+    words = (
+        f"T_low = {bounds.t_low_s:.0f} s. r_low = {radio}: the least r_t with which a chain of N robots can see every "
+        "place by the study's radio, which passes walls. Along the corridors, with links of r_in, it would be "
+        f"{corridor}; that is probably what the paper means (`deploy/sweep/bounds.py`)."
     )
+    lines = [words, ""]
+    lines += _claims(fig7_claims(found.rows, found.bounds))
+    lines += ["| N | r_t (m) | finished | search time (s) |", "|---|---|---|---|"]
+    for robots, radius_m in sorted({(row["robots"], row["radius_m"]) for row in usable(found.rows)}):
+        here = [row for row in usable(found.rows) if (row["robots"], row["radius_m"]) == (robots, radius_m)]
+        times = censored(here)
+        lines.append(f"| {robots} | {radius_m:g} | {times.finished} of {times.runs} | {_seconds(times.mean_s)} |")
+    return [*lines, ""]
 
 
 def _variants(found: _Found) -> list[str]:
@@ -233,36 +249,37 @@ def _variants(found: _Found) -> list[str]:
         of_fleet = [row for row in rows if (row["robots"], row["radius_m"]) == (robots, radius_m)]
         times = {v.name: _times(of_fleet, v.name, robots, radius_m) for v in variants}
         for variant in variants:
-            by_seed = times[variant.name]
-            if not by_seed:
+            here = [row for row in of_fleet if row["variant"] == variant.name]
+            if not here:
                 continue
-            finished = [time_s for time_s in by_seed.values() if time_s is not None]
+            found_times = censored(here)
             other = variants[0].name if variant.against is None else variant.against
-            relative = _ratio(by_seed, times.get(other, {}))
-            connected = estimate(row["connected_fraction"] for row in of_fleet if row["variant"] == variant.name).mean
+            relative = _ratio(times[variant.name], times.get(other, {}))
+            connected = sum(row["connected_fraction"] for row in here) / len(here)
             lines.append(
-                f"| {variant.name} | {robots} | {radius_m:g} | {len(finished)} of {len(by_seed)} | {_mean(finished)} "
-                f"| {relative} | {other if relative else ''} | {connected:.0%} | {variant.why} |"
+                f"| {variant.name} | {robots} | {radius_m:g} | {found_times.finished} of {found_times.runs} "
+                f"| {_seconds(found_times.mean_s)} | {relative} | {other if relative else ''} | {connected:.0%} "
+                f"| {variant.why} |"
             )
-    return [*lines, "", "Times are those of the runs that finished, ratios those of the seeds that both finished.", ""]
+    return [*lines, "", "Times are means of min(T, limit), ratios those of the seeds that both ran.", ""]
 
 
-Times = Mapping[int, float | None]
-"""Search time by seed; None for a run that did not finish."""
+Times = Mapping[int, float]
+"""min(T, limit) by seed."""
 
 
 def _ratio(times: Times, others: Times) -> str:
-    """Mean of one variant over that of another, on the seeds that both finished; empty without any."""
-    pairs = [(a, b) for seed, a in times.items() if a is not None and (b := others.get(seed)) is not None]
+    """Mean of one variant over that of another, on the seeds that both ran; empty without any."""
+    pairs = [(time_s, others[seed]) for seed, time_s in times.items() if seed in others]
     if not pairs or times is others:
         return ""
     found = ratio(pairs)
-    return f"{found.mean:.2f}" if found.n == 1 else f"{found.mean:.2f} ± {found.half_width:.2f}"
+    return f"{found.value:.2f}" if len(pairs) == 1 else f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
-def _times(rows: Sequence[Mapping[str, Any]], variant: str, robots: int, radius_m: float) -> dict[int, float | None]:
+def _times(rows: Sequence[Mapping[str, Any]], variant: str, robots: int, radius_m: float) -> dict[int, float]:
     fleet = variant, robots, radius_m
-    return {row["seed"]: row[ALL] for row in rows if (row["variant"], row["robots"], row["radius_m"]) == fleet}
+    return {row["seed"]: censored_s(row) for row in rows if (row["variant"], row["robots"], row["radius_m"]) == fleet}
 
 
 def _policies(found: _Found) -> list[str]:
@@ -276,19 +293,18 @@ def _policies(found: _Found) -> list[str]:
         vds, scout, slow = (_times(rows, name, robots, radius_m) for name in ("vds", "scout", "scout at 1 km/h"))
         share = _share(vds, scout, slow)
         lines.append(f"| {robots} | {radius_m:g} | {_ratio(scout, vds)} | {_ratio(slow, vds)} | {share} |")
-    return [*lines, "", "The share is of the seeds that all three finished.", "", *_variants(found)]
+    return [*lines, "", "The share is of the seeds that all three ran.", "", *_variants(found)]
 
 
 def _share(vds: Times, scout: Times, slow: Times) -> str:
     """Share of the gain of scout over vds that is lost if scout walks as slowly as vds."""
-    seeds = [s for s in vds if all(times.get(s) is not None for times in (vds, scout, slow))]
-    base_s, fast_s, slow_s = (math.fsum(times[s] or 0.0 for s in seeds) for times in (vds, scout, slow))
+    seeds = sorted(vds.keys() & scout.keys() & slow.keys())
+    base_s, fast_s, slow_s = (math.fsum(times[s] for s in seeds) for times in (vds, scout, slow))
     return f"{(slow_s - fast_s) / (base_s - fast_s):.0%}" if fast_s < base_s else "-"
 
 
-def _mean(times: Sequence[float]) -> str:
-    """Mean and confidence interval, in seconds."""
-    found = estimate(times)
-    return (
-        "-" if found.n == 0 else f"{found.mean:.0f}" if found.n == 1 else f"{found.mean:.0f} ± {found.half_width:.0f}"
-    )
+def _seconds(mean_s: Interval) -> str:
+    """Mean and interval."""
+    if mean_s.low == mean_s.high:
+        return f"{mean_s.value:.0f}"
+    return f"{mean_s.value:.0f} ({mean_s.low:.0f} to {mean_s.high:.0f})"

@@ -1,28 +1,19 @@
-"""Lower bounds of the search [paper 8.4, 8.5]: r_low, below which a fleet can't reach every cell, and T_low.
-
-Both follow from the longest of the shortest paths over the true floor plan.
-"""
+"""Lower bounds of the search [paper 8.4, 8.5]: r_low, below which a fleet can't reach every cell, and T_low."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.own_map import OwnMap
-from agents.planner import Planner, Reach
 from deploy.scenario import Scenario
 from deploy.scenario.arena import Arena
+from deploy.sweep.lower_bound import least_radius_m, reach_from_station
 from world.grid.lines import walls_crossed
-from world.terms import STATION
 
-__all__ = ["Bounds", "bounds_of", "reach_from_station"]
-
-_SWEEP_S: Final = (0.0, 40.0)
-"""Search time beyond the straight walk until the last corner is seen: none if enough robots share the rooms; an
-independent prototype measured 25 to 40 s."""
+__all__ = ["Bounds", "bounds_of"]
 
 
 @dataclass(frozen=True)
@@ -34,35 +25,33 @@ class Bounds:
     lidar_m: float
     speed_m_s: float
     r_in_share: float
+    radio_m: Mapping[int, float] = field(default_factory=dict)
+    """r_low by N for the radio that is used: with a smaller r_t no chain of N robots sees every place."""
 
     @property
-    def t_low_s(self) -> tuple[float, float]:
-        """T_low, from and to: one robot walks straight to where it sees the farthest point, then sweeps the rooms.
+    def t_low_s(self) -> float:
+        """T_low: one robot walks straight to where it sees the farthest point.
 
-        No robot is faster than the walk, except by the few metres from the MS at which it starts. The sweep depends on
-        the rooms and on how many robots share them, so this is a band.
+        No robot is faster, except by the few metres from the MS at which it starts; what it takes to sweep the rooms
+        is not in it.
         """
-        walk_s = (self.farthest_m - self.lidar_m) / self.speed_m_s
-        return walk_s + _SWEEP_S[0], walk_s + _SWEEP_S[1]
+        return (self.farthest_m - self.lidar_m) / self.speed_m_s
 
-    @property
-    def t_low_mid_s(self) -> float:
-        """Middle of the band. Claims such as "within 15 % of T_low" are about it."""
-        return sum(self.t_low_s) / 2
+    def corridor_m(self, robots: int) -> float:
+        """What the paper may mean by r_low: N robots form a chain along the path, each link of r_in.
 
-    def r_low_m(self, robots: int) -> float:
-        """r_low: N robots form a chain along the path, each link as long as inner link recovery allows, r_in.
-
-        The last robot sees farther by the range of its lidar, and the chain gains up to one link at its head.
+        The last robot sees farther by the range of its lidar, and the chain gains up to one link at its head. A radio
+        that passes walls needs less, for its chains need not follow the corridor.
         """
         return (self.farthest_m - self.lidar_m) / (self.r_in_share * (robots + 1))
 
 
-def bounds_of(scenario: Scenario) -> Bounds:
-    """The lower bounds of a scenario, from its true floor plan."""
+def bounds_of(scenario: Scenario, fleets: Iterable[int] = ()) -> Bounds:
+    """The lower bounds of a scenario, from its true floor plan; r_low for the radio is of these numbers of robots."""
     rules = scenario.tables.rules
     lidar_m, moving, routing = scenario.tables.lidar.range_m, rules.moving, rules.routing
-    return Bounds(_farthest_m(scenario), lidar_m, moving.speed_m_s, routing.r_in_share)
+    radio_m = {robots: least_radius_m(scenario, robots) for robots in sorted(set(fleets))}
+    return Bounds(_farthest_m(scenario), lidar_m, moving.speed_m_s, routing.r_in_share, radio_m)
 
 
 def _farthest_m(scenario: Scenario) -> float:
@@ -77,15 +66,6 @@ def _farthest_m(scenario: Scenario) -> float:
     # Lengths over the grid are up to 8 % too long, depending on direction, so several far cells are tried.
     far = cells[np.argsort(reach.lengths_m(cells))[-400:]]
     return max(_taut_m(arena, reach.path(cell)) for cell in far.tolist())
-
-
-def reach_from_station(scenario: Scenario) -> Reach:
-    """Shortest paths from the MS over the true floor plan."""
-    arena = scenario.arena
-    known = OwnMap(scenario.robot_config(STATION))
-    odds = np.where(arena.occupied.ravel(), np.int8(1), np.int8(-1))
-    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), odds)
-    return Planner(known).reach(arena.geometry.index(*arena.station_m))
 
 
 def _taut_m(arena: Arena, path: list[int]) -> float:

@@ -183,7 +183,8 @@ def _processor() -> str:
 def _draw(study: Study, rows: Sequence[dict[str, Any]], results: Results, console: Console) -> None:
     from deploy.sweep.plots import draw  # late: Matplotlib takes a second
 
-    for path in draw(study, rows, results.series(), bounds_of(load(study.scenario)), results.folder):
+    fleets = {row["robots"] for row in rows} if study.plot == "search_time" else ()
+    for path in draw(study, rows, results.series(), bounds_of(load(study.scenario), fleets), results.folder):
         _say(console, f"drawn: {path}")
 
 

@@ -21,18 +21,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.config import Scouting
+from agents.own_map import OwnMap
+from agents.planner import Planner, Reach
 from deploy.scenario import Scenario
 from deploy.scenario.arena import START_MAX_M, Arena
-from deploy.sweep.bounds import reach_from_station
 from world.grid.lines import walls_crossed
+from world.terms import STATION
 
-__all__ = ["LowerBound", "lower_bound"]
+__all__ = ["LowerBound", "least_radius_m", "lower_bound", "reach_from_station"]
 
 _APART_M: Final = 1.0
 """Distance between the places at which robots of a chain may stand."""
 _GRID_DETOUR: Final = math.sqrt(4.0 - 2.0 * math.sqrt(2.0))
 """A path in eight directions is at most this many times as long as a straight line: 1.08."""
 _NEVER: Final = -1
+_RADIUS_STEP_M: Final = 0.25
+"""`least_radius_m` is a multiple of this."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +84,9 @@ def lower_bound(scenario: Scenario) -> LowerBound:
     cells = np.unique(np.concatenate([cell.cells for cell in arena.search_cells]))
     lengths_m = reach_from_station(scenario)
     places = _places(arena, lengths_m.reached())
-    hops = _hops(scenario, arena.geometry.centers(places))
-    by_hops = np.argsort(hops, kind="stable")
-    by_hops = by_hops[hops[by_hops] != _NEVER]
     goals = places[np.isin(places, cells)]
-    first = _first_in_sight(arena, lidar_m, places[by_hops], goals)
-    chains = np.where(first == _NEVER, _NEVER, np.maximum(hops[by_hops][first], 1))
+    hops = _hops(scenario, arena.geometry.centers(places), scenario.radius_m)
+    chains = _chains(scenario, places, hops, goals)
     walks_m = np.sort(lengths_m.lengths_m(places))
     nearest = places[np.argsort(lengths_m.lengths_m(places), kind="stable")]
     last = _first_in_sight(arena, lidar_m, nearest, goals)
@@ -105,6 +106,54 @@ def lower_bound(scenario: Scenario) -> LowerBound:
     )
 
 
+def least_radius_m(scenario: Scenario, robots: int) -> float:
+    """r_low for the radio that is used: the least r_t with which a chain of N robots sees every place; else infinite.
+
+    Places are `_APART_M` apart, so it may be too large by as much.
+
+    Args:
+        scenario: its floor plan, its radio without shadowing, and its lidar; its own radius does not matter.
+        robots: N.
+    """
+    arena = scenario.arena
+    places = _places(arena, reach_from_station(scenario).reached())
+    goals = places[np.isin(places, np.concatenate([cell.cells for cell in arena.search_cells]))]
+    side_m = max(arena.geometry.rows, arena.geometry.cols) * arena.geometry.resolution_m
+    low, high = 0, math.ceil(2.0 * side_m / _RADIUS_STEP_M)
+    most = high
+    while high - low > 1:
+        middle = (low + high) // 2
+        hops = _hops(scenario, arena.geometry.centers(places), middle * _RADIUS_STEP_M)
+        chains = _chains(scenario, places, hops, goals)
+        if ((chains != _NEVER) & (chains <= robots)).all():
+            high = middle
+        else:
+            low = middle
+    return math.inf if high == most else high * _RADIUS_STEP_M
+
+
+def reach_from_station(scenario: Scenario) -> Reach:
+    """Shortest paths from the MS over the true floor plan."""
+    arena = scenario.arena
+    known = OwnMap(scenario.robot_config(STATION))
+    odds = np.where(arena.occupied.ravel(), np.int8(1), np.int8(-1))
+    known.apply(np.arange(arena.geometry.size, dtype=np.uint32), odds)
+    return Planner(known).reach(arena.geometry.index(*arena.station_m))
+
+
+def _chains(
+    scenario: Scenario, places: NDArray[np.int64], hops: NDArray[np.int64], goals: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """(g,) fewest robots in a chain whose last one sees each goal; `hops` are those of the places."""
+    by_hops = np.argsort(hops, kind="stable")
+    by_hops = by_hops[hops[by_hops] != _NEVER]
+    first = _first_in_sight(scenario.arena, scenario.tables.lidar.range_m, places[by_hops], goals)
+    if not by_hops.size:
+        return first
+    chains: NDArray[np.int64] = np.where(first == _NEVER, _NEVER, np.maximum(hops[by_hops][first], 1))
+    return chains
+
+
 def _places(arena: Arena, free: NDArray[np.int64]) -> NDArray[np.int64]:
     """One of the cells `free` for every square of `_APART_M`: the one nearest to its middle; ascending."""
     geometry = arena.geometry
@@ -117,8 +166,8 @@ def _places(arena: Arena, free: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.sort(free[order[first]])
 
 
-def _hops(scenario: Scenario, places_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) fewest links from the MS to a robot at each place; -1 where no chain leads."""
+def _hops(scenario: Scenario, places_m: NDArray[np.float64], radius_m: float) -> NDArray[np.int64]:
+    """(n,) fewest links of `radius_m` at most from the MS to a robot at each place; -1 where no chain leads."""
     radio, arena = scenario.tables.radio, scenario.arena
     factor = Scouting().wall_factor(radio.model, radio.wall_loss_db, radio.exponent)
     hops = np.full(len(places_m), _NEVER)
@@ -126,9 +175,9 @@ def _hops(scenario: Scenario, places_m: NDArray[np.float64]) -> NDArray[np.int64
     while len(senders):
         count += 1
         for sender in senders:
-            near, distances_m, walls = _around(arena, sender, places_m, hops == _NEVER, scenario.radius_m)
+            near, distances_m, walls = _around(arena, sender, places_m, hops == _NEVER, radius_m)
             seems_m = distances_m * np.power(factor, walls, where=walls > 0, out=np.ones(len(near)))
-            hops[near[seems_m <= scenario.radius_m]] = count
+            hops[near[seems_m <= radius_m]] = count
         senders = places_m[hops == count]
     return hops
 

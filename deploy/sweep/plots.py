@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from matplotlib import pyplot as plt
 
 from deploy.sweep.bounds import Bounds
 from deploy.sweep.plan import BASE, Study
-from deploy.sweep.statistics import ALL, estimate, kept, mean_rates, usable
+from deploy.sweep.statistics import Interval, censored, kept, mean_rates, usable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +28,7 @@ MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", ":", "-.")
 
 _DPI: Final = 150
+_MEANS: Final = "mean of min(T, time limit) and 95 % bootstrap interval; hollow: k of n runs finished"
 # Without a fixed salt, two drawings of the same results would differ.
 _STYLE: Final[Any] = {
     "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "vds", "svg.fonttype": "none",
@@ -108,23 +108,21 @@ def _search_time(study: Study, rows: Sequence[Row], bounds: Bounds) -> Figure:
         for j, variant in enumerate(variants):
             of_curve = [row for row in shown if row["robots"] == robots and row["variant"] == variant]
             label = f"N = {robots}" if len(variants) == 1 else f"N = {robots}, {_plain(variant)}"
-            style = _Style(color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)], 0.97 - 0.05 * (i + j * len(fleets)))
+            style = _Style(color, MARKERS[i % len(MARKERS)], LINES[j % len(LINES)])
             _curve(axis, of_curve, label, style)
-        axis.axvline(bounds.r_low_m(robots), color=color, linestyle=":", linewidth=1)
-        axis.annotate(
-            f"$r_{{low}}$, N = {robots}", (bounds.r_low_m(robots), 0.02), xycoords=("data", "axes fraction"),
-            rotation=90, va="bottom", ha="right", color=color, fontsize=7,
-        )  # fmt: skip
-    low_s, high_s = bounds.t_low_s
-    axis.axhspan(low_s, high_s, color="0.5", alpha=0.3, linewidth=0, label="$T_{low}$")
+        if robots in bounds.radio_m:
+            axis.axvline(bounds.radio_m[robots], color=color, linestyle=":", linewidth=1)
+            axis.annotate(
+                f"$r_{{low}}$, N = {robots}", (bounds.radio_m[robots], 0.02), xycoords=("data", "axes fraction"),
+                rotation=90, va="bottom", ha="right", color=color, fontsize=7,
+            )  # fmt: skip
+    axis.axhline(bounds.t_low_s, color="0.5", linewidth=1, label="$T_{low}$")
     axis.set_xlabel("transmission radius $r_t$ (m)")
     axis.set_ylabel("search time $T$ of all cells (s)")
     axis.set_ylim(bottom=0)
     axis.set_xlim(left=0)
     axis.legend(loc="best")
-    _caption(
-        figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those; cross: none did"
-    )
+    _caption(figure, study, f"{_MEANS}; cross: none did")
     return figure
 
 
@@ -133,32 +131,33 @@ class _Style:
     color: str
     marker: str
     line: str
-    none_at: float
-    """Height, as a share of the axes, of the marks of radii with which no run finished."""
 
 
 def _curve(axis: Axes, rows: Sequence[Row], label: str, style: _Style) -> None:
     """One N (and variant) of Fig. 7 [paper 8.4]; a hollow point shows how many of its runs finished."""
-    radii, means, halves = [], [], []
     color = style.color
-    for radius_m in sorted({row["radius_m"] for row in rows}):
-        here = [row for row in rows if row["radius_m"] == radius_m]
-        times = [row[ALL] for row in here if row[ALL] is not None]
-        found = estimate(times)
-        if not times:
-            axis.plot(radius_m, style.none_at, marker="x", color=color, ls="", transform=axis.get_xaxis_transform())
-            continue
-        if len(times) < len(here):
-            point = (radius_m, found.mean)
+    found = {
+        radius_m: censored([row for row in rows if row["radius_m"] == radius_m])
+        for radius_m in sorted({row["radius_m"] for row in rows})
+    }
+    for radius_m, times in found.items():
+        point = (radius_m, times.mean_s.value)
+        if times.finished == 0:
+            axis.plot(*point, marker="x", color=color, ls="", ms=7, zorder=3)
+        elif times.finished < times.runs:
             axis.plot(*point, marker=style.marker, color=color, mfc="white", ls="", ms=7, zorder=3)
-            words = f"{len(times)}/{len(here)}"
+            words = f"{times.finished}/{times.runs}"
             axis.annotate(words, point, xytext=(5, 3), textcoords="offset points", color=color, fontsize=7)
-        radii.append(radius_m)
-        means.append(found.mean)
-        halves.append(0.0 if math.isnan(found.half_width) else found.half_width)
+    means = [times.mean_s for times in found.values()]
     axis.errorbar(
-        radii, means, halves, color=color, marker=style.marker, ms=4, ls=style.line, lw=1.2, capsize=2.5, label=label
-    )
+        list(found), [mean.value for mean in means], _whiskers(means), color=color, marker=style.marker, ms=4,
+        ls=style.line, lw=1.2, capsize=2.5, label=label,
+    )  # fmt: skip
+
+
+def _whiskers(means: Sequence[Interval]) -> list[list[float]]:
+    """Below and above each mean, as Matplotlib wants them."""
+    return [[mean.value - mean.low for mean in means], [mean.high - mean.value for mean in means]]
 
 
 def _variants(study: Study, rows: Sequence[Row]) -> Figure:
@@ -173,24 +172,23 @@ def _variants(study: Study, rows: Sequence[Row]) -> Figure:
     for axis, (robots, radius_m) in zip(axes[0], panels, strict=False):
         for row, name in enumerate(names):
             here = [r for r in shown if (r["robots"], r["radius_m"], r["variant"]) == (robots, radius_m, name)]
-            times = [row[ALL] for row in here if row[ALL] is not None]
-            found = estimate(times)
-            complete = len(times) == len(here)
-            if times:
-                half = 0.0 if math.isnan(found.half_width) else found.half_width
-                axis.errorbar(
-                    found.mean, row, xerr=half, marker="o", mfc=COLORS[0] if complete else "white", color=COLORS[0],
-                    capsize=2.5,
-                )  # fmt: skip
-            if here and not complete:
-                spot = (found.mean if times else 0.0, row)
-                axis.annotate(f"{len(times)}/{len(here)}", spot, xytext=(4, 4), textcoords="offset points", fontsize=7)
+            if not here:
+                continue
+            times = censored(here)
+            complete = times.finished == times.runs
+            axis.errorbar(
+                times.mean_s.value, row, xerr=_whiskers([times.mean_s]), marker="o", color=COLORS[0], capsize=2.5,
+                mfc=COLORS[0] if complete else "white",
+            )  # fmt: skip
+            if not complete:
+                words, spot = f"{times.finished}/{times.runs}", (times.mean_s.value, row)
+                axis.annotate(words, spot, xytext=(4, 4), textcoords="offset points", fontsize=7)
         axis.set_title(f"N = {robots}, $r_t$ = {radius_m:g} m")
         axis.set_xlabel("search time of all cells (s)")
         axis.set_xlim(left=0)
     axes[0][0].set_yticks(range(len(names)), [_plain(name) for name in names])
     axes[0][0].invert_yaxis()
-    _caption(figure, study, "mean and 95 % confidence interval; hollow: k of n runs finished, mean of those")
+    _caption(figure, study, _MEANS)
     return figure
 
 

@@ -25,7 +25,7 @@ from deploy.sweep.row import Finished
 from deploy.sweep.statistics import usable
 from world.own_file import write_whole
 
-__all__ = ["WALL_COLUMNS", "Results", "ResultsError", "differences"]
+__all__ = ["WALL_COLUMNS", "Results", "ResultsError", "differences", "read_csv", "read_series"]
 
 Row = dict[str, Any]
 Series = dict[str, list[float]]
@@ -130,13 +130,7 @@ class Results:
         Raises:
             ResultsError: as `check`.
         """
-        series: dict[str, Series] = {}
-        for line in _read(self.folder / "series.parquet", _LINE):
-            of_run = series.setdefault(line["key"], {"time_s": []})
-            of_cell = of_run.setdefault(line["cell"], [])
-            of_cell.append(line["search_rate"])
-            if len(of_cell) > len(of_run["time_s"]):
-                of_run["time_s"].append(line["time_s"])
+        series = read_series(self.folder / "series.parquet")
         return series | {part["row"]["key"]: part["series"] for part in self._read_parts()}
 
     def done(self, *, retry_failed: bool = False) -> set[str]:
@@ -198,6 +192,56 @@ class Results:
     def _read_parts(self) -> list[dict[str, Any]]:
         """The parts. A damaged one does not count, so its run is run again."""
         return [part for path in sorted(self._parts.glob("*.json")) if (part := _part(path)) is not None]
+
+
+def read_series(path: Path) -> dict[str, Series]:
+    """The time series of a table by key; none if it is not there.
+
+    Raises:
+        ResultsError: it can't be read, or is none.
+    """
+    series: dict[str, Series] = {}
+    for line in _read(path, _LINE):
+        of_run = series.setdefault(line["key"], {"time_s": []})
+        of_cell = of_run.setdefault(line["cell"], [])
+        of_cell.append(line["search_rate"])
+        if len(of_cell) > len(of_run["time_s"]):
+            of_run["time_s"].append(line["time_s"])
+    return series
+
+
+def read_csv(path: Path) -> list[Row]:
+    """The rows of a results.csv.
+
+    Raises:
+        ResultsError: it can't be read, or is no table of a study; one line that names the file.
+    """
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except ValueError as error:
+        raise ResultsError(str(error)) from None
+    rows = [
+        {name: value if _ROW.get(name) is str else _value(value) for name, value in line.items()}
+        for line in csv.DictReader(io.StringIO(text, newline=""))
+    ]
+    for row in rows:
+        if column := _lacks(row, _ROW):
+            raise ResultsError(f"{shown(path)}: not a table of a study: column {column} is missing or damaged")
+    return rows
+
+
+def _value(text: str | None) -> Any:
+    """What a field of a CSV file was: nothing, a truth value, a number, or a text."""
+    if not text:
+        return None
+    if text in ("True", "False"):
+        return text == "True"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def _part(path: Path) -> dict[str, Any] | None:

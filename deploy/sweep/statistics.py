@@ -1,12 +1,14 @@
 """Statistics of the figures: means with confidence intervals, and the runs that a figure leaves out.
 
-Rows are those of `deploy.sweep.results.Results`; a run is complete when all its cells were searched.
+Rows are those of `deploy.sweep.results.Results`; a run is complete when all its cells were searched. One that was not
+is censored at its time limit: it counts as min(T, limit), and is left out of no mean. Intervals of such means are
+bootstrap percentiles, since the times of a point with unfinished runs are far from normal.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,25 +21,33 @@ from deploy.run_folder.status import meaning_of
 from deploy.sweep.plan import Discard
 
 __all__ = [
-    "ALL", "Band", "Estimate", "Interval", "estimate", "goes_first", "kept", "mean_rates", "median_of", "ratio",
-    "share_of", "usable",
+    "ALL", "Band", "Censored", "Interval", "censored", "censored_s", "goes_first", "kept", "mean_rates", "median_of",
+    "ratio", "share_of", "usable",
 ]  # fmt: skip
 
 ALL: Final = "search_time_s.all"
+_RESAMPLES: Final = 2000
 
 Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """Mean of a sample with its confidence interval."""
+class Interval:
+    """A value and its 95 % interval, which is the value itself for a single run."""
 
-    n: int
-    mean: float
-    half_width: float
-    """The interval is mean +- half_width; NaN for fewer than two values."""
-    sd: float
-    """Standard deviation of the sample (n - 1)."""
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Censored:
+    """Search times of some runs, each censored at its time limit."""
+
+    runs: int
+    finished: int
+    mean_s: Interval
+    """Of min(T, limit)."""
 
 
 @dataclass(frozen=True)
@@ -51,37 +61,27 @@ class Band:
     n: int
 
 
-def estimate(values: Iterable[float], confidence: float = 0.95) -> Estimate:
-    """Mean and Student-t confidence interval of independent values."""
-    sample = np.asarray(list(values), np.float64)
-    n = len(sample)
-    if n == 0:
-        return Estimate(0, math.nan, math.nan, math.nan)
-    if n == 1:
-        return Estimate(1, float(sample[0]), math.nan, math.nan)
-    sd = float(sample.std(ddof=1))
-    quantile = float(student_t.ppf(0.5 + confidence / 2, n - 1))
-    return Estimate(n, float(sample.mean()), quantile * sd / math.sqrt(n), sd)
+def censored_s(row: Row, column: str = ALL) -> float:
+    """min(T, limit) of a run: its search time, or its time limit if it did not finish."""
+    time_s = row[column]
+    return float(row["duration_s"] if time_s is None else time_s)
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A number and its 95 % confidence interval; NaN for the ends if there is none."""
-
-    value: float
-    low: float
-    high: float
+def censored(rows: Sequence[Row], column: str = ALL) -> Censored:
+    """How many of at least one run finished, and the mean of min(T, limit)."""
+    times = np.array([censored_s(row, column) for row in rows])
+    finished = sum(row[column] is not None for row in rows)
+    return Censored(len(rows), finished, _bootstrapped((times,), lambda x, axis=-1: x.mean(axis=axis)))
 
 
 def median_of(values: Sequence[float]) -> Interval:
-    """Median of a sample and its interval by bootstrap (Efron's percentiles, 9,999 resamples, always the same ones).
+    """Median of a sample; all of them NaN if it is empty.
 
     Of a sample with times that are censored at a limit the median is right as long as it lies below the limit.
     """
-    if len(values) < 2:
-        return Interval(values[0] if values else math.nan, math.nan, math.nan)
-    found = bootstrap((values,), np.median, method="percentile", rng=np.random.default_rng(0)).confidence_interval
-    return Interval(float(np.median(values)), float(found.low), float(found.high))
+    if not values:
+        return Interval(math.nan, math.nan, math.nan)
+    return _bootstrapped((np.array(values),), np.median)
 
 
 def share_of(successes: int, trials: int) -> Interval:
@@ -90,16 +90,26 @@ def share_of(successes: int, trials: int) -> Interval:
     return Interval(successes / trials, float(found.low), float(found.high))
 
 
-def ratio(pairs: Sequence[tuple[float, float]]) -> Estimate:
-    """Ratio of two means over the same runs, with its 95 % interval (Cochran, Sampling Techniques, 6.3).
+def ratio(pairs: Sequence[tuple[float, float]]) -> Interval:
+    """Ratio of two means over the same seeds, which are resampled together.
 
     Args:
-        pairs: (numerator, denominator) of each run; at least one.
+        pairs: (numerator, denominator) of each seed; at least one.
     """
     above, below = np.array(pairs, np.float64).T
-    found = float(above.mean() / below.mean())
-    spread = estimate((above - found * below) / below.mean())
-    return Estimate(spread.n, found, spread.half_width, spread.sd)
+    return _bootstrapped((above, below), lambda a, b, axis=-1: a.mean(axis=axis) / b.mean(axis=axis))
+
+
+def _bootstrapped(samples: tuple[NDArray[np.float64], ...], statistic: Callable[..., Any]) -> Interval:
+    value = float(statistic(*samples))
+    if len(samples[0]) < 2:
+        return Interval(value, value, value)
+    # A generator of its own for each interval: what else a page shows changes no number of it.
+    found = bootstrap(
+        samples, statistic, n_resamples=_RESAMPLES, paired=len(samples) > 1, method="percentile",
+        rng=np.random.default_rng(0),
+    ).confidence_interval  # fmt: skip
+    return Interval(value, float(found.low), float(found.high))
 
 
 def usable(rows: Iterable[Row]) -> list[Row]:
@@ -123,9 +133,14 @@ def goes_first(row: Row, series: Mapping[str, Sequence[float]], rule: Discard) -
 
 
 def kept(rows: Iterable[Row], series: Mapping[str, Mapping[str, Sequence[float]]], rule: Discard | None) -> list[Row]:
-    """The runs that a figure shows: all usable ones but those that search the rule's `cell` first."""
+    """The runs that a figure shows: all usable ones but those that search the rule's `cell` first.
+
+    A run without a time series began neither cell, as far as anybody can tell.
+    """
     rows = usable(rows)
-    return rows if rule is None else [row for row in rows if goes_first(row, series[row["key"]], rule) != rule.cell]
+    if rule is None:
+        return rows
+    return [row for row in rows if goes_first(row, series.get(row["key"], {}), rule) != rule.cell]
 
 
 def _reaches(series: Mapping[str, Sequence[float]], cell: str, rate: float) -> float | None:

@@ -84,6 +84,13 @@ def test_a_then_the_nearest() -> None:
     assert route.step() == (3, 5, 102)
 
 
+def test_a_of_two_that_are_alike_the_one_with_the_lower_id_whoever_was_heard_first() -> None:
+    route = Route()
+    route.hear(4, 7.9, hops=4)
+    route.hear(3, 7.9, hops=4)
+    assert route.step()[0] == 3
+
+
 def test_a_beyond_r_in_the_fewest_hops_count_too() -> None:
     route = Route()
     route.hear(2, 8.5, hops=5)

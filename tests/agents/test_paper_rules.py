@@ -159,9 +159,12 @@ def test_a_relay_that_rule_1_leaves_nobody_has_no_msr_and_keeps_its_target() -> 
     # No SR is left: E, the only one that names C, says that it is named by D, and D is gone.
     team.robots[E].policy.classifier.cls = Cls.RR
     team.robots[E].policy.classifier.step = lambda *_: Cls.RR  # type: ignore[method-assign]  # a relay for good
+    team.policy(E).target = (40.0, 3.0)  # of no concern to C, since E is no SR
+    team.policy(E).choose_msr = lambda: NOBODY  # type: ignore[method-assign]
     team.silent = {D}
     team.run(20)
     assert team.robots[C].body.router.table.search_robots() == []
+    assert team.robots[C].body.router.table.target_m(E) == pytest.approx((40.0, 3.0), abs=1e-4)
     assert (team.cls(C), team.policy(C).msr, team.policy(C).target) == (Cls.RR, NOBODY, target)
 
 

@@ -13,7 +13,7 @@ from agents.explorer import Explorer
 from agents.own_map import OwnMap
 from agents.planner import Planner
 from tests.helpers.team import GEOMETRY, Team, config_of
-from world.terms import Place
+from world.terms import Cls, Place
 
 NOBODY_ELSE = np.zeros((0, 2))
 AT: Place = (10.25, 3.25)
@@ -240,3 +240,13 @@ def test_who_walks_back_goes_to_the_ms_and_then_to_its_target_again() -> None:
         team.step()
         seen.append(team.velocity_m_s(1)[0] > 0.0)
     assert seen == [False, False, False, True, True]
+
+
+def test_a_relay_does_not_walk_back_for_what_it_met_as_a_search_robot() -> None:
+    at = {0: (3.0, 3.0), 1: (9.0, 3.0), 2: (15.0, 3.0)}
+    team = Team([(1.0, 1.0, 59.0, 5.0)], at, dark=[(57.0, 1.0, 59.0, 5.0)])
+    team.run(10)
+    assert team.cls(1) is Cls.RR
+    team.policy(1).explorer.retreat_until = team.tick + 10
+    team.step()
+    assert team.velocity_m_s(1)[0] > 0.0

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import tomli_w
 
-from deploy.scenario import load
-from deploy.sweep.lower_bound import LowerBound, lower_bound
+from deploy.scenario import Scenario, load
+from deploy.sweep.lower_bound import LowerBound, least_radius_m, lower_bound
 from tests import ROOT
 
 PLANS = ("hospital_ward", "warehouse", "office_20_rooms", "tunnels", "cluttered_room")
@@ -19,11 +19,15 @@ PLANS = ("hospital_ward", "warehouse", "office_20_rooms", "tunnels", "cluttered_
 
 def corridor(folder: Path, free: list[list[float]], **overrides: Any) -> LowerBound:
     """The bound of corridors 2 m wide, with the MS at (3, 3)."""
+    return lower_bound(scenario(folder, free, **overrides))
+
+
+def scenario(folder: Path, free: list[list[float]], **overrides: Any) -> Scenario:
     path = folder / "corridor.toml"
     plan = {"size_m": [80.0, 80.0], "free": free}
     station = {"position_m": [3.0, 3.0], "safety_zone_m": [2.0, 2.0, 4.0, 4.0]}
     path.write_text(tomli_w.dumps({"name": "corridor", "floor_plan": plan, "station": station}))
-    return lower_bound(load(path, {"radius_m": 15.0, "lidar.range_m": 8.0, "robots": 6, **overrides}))
+    return load(path, {"radius_m": 15.0, "lidar.range_m": 8.0, "robots": 6, **overrides})
 
 
 def test_a_straight_chain_ends_where_its_lidar_reaches(tmp_path: Path) -> None:
@@ -52,6 +56,27 @@ def test_a_radio_that_reaches_no_place_makes_no_chain(tmp_path: Path) -> None:
     bound = corridor(tmp_path, [[2, 2, 68, 4]], radius_m=0.5)
     assert bound.chain is None
     assert not bound.feasible
+
+
+def test_r_low_is_the_least_radius_with_which_the_chain_sees_every_place(tmp_path: Path) -> None:
+    """The end of a straight corridor is 65 m away, and a lidar sees 8 m: 57 m in N links, of whole metres."""
+    plan = scenario(tmp_path, [[2, 2, 68, 4]])
+    assert [least_radius_m(plan, robots) for robots in (3, 4, 6)] == pytest.approx([19.0, 14.5, 10.0], abs=0.5)
+    for radius_m, feasible in ((0.98, False), (1.0, True)):
+        bound = corridor(tmp_path, [[2, 2, 68, 4]], robots=4, radius_m=radius_m * least_radius_m(plan, 4))
+        assert (bound.within == 1.0) == feasible
+
+
+def test_r_low_is_smaller_where_the_radio_passes_walls(tmp_path: Path) -> None:
+    """Two corridors side by side: 6 m through the wall, 60 m on foot."""
+    folded = [[2, 2, 32, 4], [30, 2, 32, 10], [2, 8, 32, 10]]
+    radii = {
+        model: least_radius_m(scenario(tmp_path, folded, **{"radio.model": model, "lidar.range_m": 4.0}), 3)
+        for model in ("disk", "log_distance", "disk_los")
+    }
+    assert radii["disk"] < 12.0 < radii["log_distance"] <= radii["disk_los"]
+    shut = [[2, 2, 32, 4], [40, 8, 50, 10]]
+    assert least_radius_m(scenario(tmp_path, shut, **{"lidar.range_m": 4.0}), 0) == math.inf
 
 
 def test_nobody_is_faster_than_the_walk_and_the_sweep(tmp_path: Path) -> None:

@@ -39,7 +39,8 @@ def row(robots: int, radius_m: float, seed: int, time_s: float | None, **more: A
         "key": f"{robots}-{radius_m}-{seed}-{more.get('variant', 'base')}", "variant": "base", "engine": "in-process",
         "scenario": "synthetic", "seed": seed, "robots": robots, "radius_m": radius_m, "status": status,
         "error": None, "duration_s": 2000.0, "connected_fraction": 0.9, "search_time_s.all": time_s,
-        "search_time_s.1": time_s, "search_time_s.2": time_s, **more,
+        "search_time_s.1": time_s, "search_time_s.2": time_s, "search_rate.1": float(time_s is not None),
+        "search_rate.2": float(time_s is not None), **more,
     }  # fmt: skip
 
 

@@ -68,6 +68,7 @@ def test_what_the_map_calls_wall_is_not_searched() -> None:
 
 def test_the_search_time_is_when_all_of_the_area_is_scanned_and_not_a_cell_less() -> None:
     search = search_of(("a", [*range(1000)]), ("b", [*range(1000, 1010)]), size=1010)
+    assert search.names == ["a", "b"]
     see(search, 10, dict.fromkeys(range(999), FREE))
     assert search.search_time_s == [None, None]
     see(search, 20, {999: FREE})

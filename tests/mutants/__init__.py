@@ -1,0 +1,1 @@
+"""Mutants: the rules are changed one at a time in a copy of the sources, and the tests have to notice."""
