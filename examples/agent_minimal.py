@@ -26,7 +26,7 @@ STATION, NOBODY, BROADCAST = 0, -1, -1
 NO_SCAN = 2**32 - 1
 RELAY, INNER, LOST, WAIT = 1, 1, 3, 4
 ROW, INHERENT = struct.Struct("<HQ18s"), struct.Struct("<H4i")
-MOTION = struct.Struct("<IddB3hBB2d3I")
+MOTION = struct.Struct("<IddB3hBB2d4I")
 
 
 # What comes in
@@ -86,7 +86,7 @@ def answer_of(incarnation, tick, node, frames, motion):
 
 def motion_of(tick, velocity, nms, hops, mode, at):
     """A motion of a robot that makes no reports."""
-    return MOTION.pack(tick, *velocity, RELAY, nms, NOBODY, NOBODY, hops, mode, *at, 0, 0, 0)
+    return MOTION.pack(tick, *velocity, RELAY, nms, NOBODY, NOBODY, hops, mode, *at, 0, 0, 0, 0)
 
 
 # The robot

@@ -33,7 +33,10 @@ _WRITTEN: Final = (
 )  # fmt: skip
 """All that the command writes."""
 _MOST_BYTES: Final = 2**30
-_ROW: Final = ("robot", "at_s", "orphans", "recovered", "cost_robot_s")
+_ROW: Final = {
+    "robot": (int,), "at_s": (int, float), "orphans": (int,), "recovered": (bool,), "cost_robot_s": (int, float),
+}  # fmt: skip
+"""What a row has at least, and of which types."""
 
 
 class ResultsError(ValueError):
@@ -112,9 +115,9 @@ class Results:
         for line in read_text(path, _MOST_BYTES, "replace").split("\n") if path.exists() else ():
             try:
                 row = json.loads(line)
-            except ValueError:
+            except (ValueError, RecursionError):
                 continue
-            if isinstance(row, dict) and all(key in row for key in _ROW):
+            if isinstance(row, dict) and all(type(row.get(key)) in kinds for key, kinds in _ROW.items()):
                 found[row["at_s"], row["robot"]] = row
         return [found[key] for key in sorted(found)]
 

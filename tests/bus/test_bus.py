@@ -93,9 +93,9 @@ def test_first_process_arrives_and_a_second_is_refused() -> None:
 
 def test_who_is_refused_is_told_once_and_made_up_tokens_are_soon_told_nothing() -> None:
     seats = Attendance()
-    told = [seats.refuse(4, token) for token in (*range(100), *range(100))]
+    told = [bool(seats.refuse(4, token, "")) for token in (*range(100), *range(100))]
     assert told == [True] * 16 + [False] * 184
-    assert seats.refuse(5, 1), "another node's processes are told as ever"
+    assert seats.refuse(5, 1, ""), "another node's processes are told as ever"
 
 
 def test_silent_process_thaws_once_or_is_replaced() -> None:

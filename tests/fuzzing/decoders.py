@@ -46,6 +46,7 @@ from bus.mailbox import Mailbox
 from bus.phases import decode_phases
 from bus.session import BusError, Login, port_of
 from deploy.buildings.table import COLUMNS, read_table
+from deploy.criticality.results import Results as Criticality
 from deploy.ctl import show
 from deploy.processes.operator_file import living_launcher, read_operator, write_operator
 from deploy.run_folder.baseline import Baseline, faults_of
@@ -83,6 +84,8 @@ OWN: Final = {
     "world/account.py:_bytes": "columns that it has just made",
     "world/stopwatch.py:Stopwatch.final": "columns that it has just made",
     "monitor_station/recording/known.py:Known._take_tiles": "its own tiles",
+    "deploy/branching/branches.py:_next": "what its own child tells it over a pipe",
+    "deploy/branching/trunk.py:main": "what its own parent tells it over a pipe",
     "deploy/emulation.py:Emulation.command": "what the run of a test answers to it",
     "deploy/run_folder/baseline.py:Baseline.of": "the scenario of this very run, as TOML",
     "deploy/sweep/campaign.py:_parameters": "the scenario of this very run, as TOML",
@@ -283,6 +286,9 @@ def _files(folder: Path) -> Iterator[WayIn]:
     yield WayIn("study", *through(plan, lambda: load_study(str(plan)), study), (ScenarioError,), slow=True)
     yield WayIn("finished run", *through(folder / "results" / "parts" / "a.json", results.rows, part), (), slow=True)
     yield WayIn("facts of a study", *through(folder / "results" / "study.json", results.noted), (), slow=True)
+    failures = Criticality(folder / "whatif", {}, "")
+    failure = json.dumps({"robot": 1, "at_s": 10.0, "orphans": 0, "recovered": True, "cost_robot_s": 0.5}).encode()
+    yield WayIn("tried failures", *through(folder / "whatif" / "rows.jsonl", failures.rows, failure), ())
     table = folder / "buildings.csv"
     yield WayIn("table of buildings", *through(table, lambda: read_table(table), TABLE), (ResultsError,))
     run = short_run(folder / "run")

@@ -167,6 +167,7 @@ FIXED: Final = {
             "reports_made": "scan reports of this incarnation",
             "reports_buffered": "those of them that the MS has not acknowledged",
             "reports_discarded": "scans that were dropped; made and discarded are at most tick + 1",
+            "newest_scan_tick": "tick of the scan that the last report made shows; 0 if none was made",
         },
         Status,
     ),

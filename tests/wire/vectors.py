@@ -198,7 +198,7 @@ ALL: Final = (
         "motion",
         {
             "a robot without a route": Motion(42, 0.0, -0.25, Status()),
-            "a relay": Motion(42, 0.125, 0.5, Status(Cls.RR, 5, 7, 8, 2, Mode.INNER, 12.5, -3.25, 9, 3, 1)),
+            "a relay": Motion(42, 0.125, 0.5, Status(Cls.RR, 5, 7, 8, 2, Mode.INNER, 12.5, -3.25, 9, 3, 1, 37)),
         },
         Motion.encode,
         Motion.decode,
