@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 
 from tests.helpers.waiting import alive, wait_until
@@ -21,14 +22,20 @@ class Place:
 
     def names(self) -> set[str]:
         """All that is in it: names of files without those of folders, which are made up."""
-        return {path.name.partition("-")[0] for path in self.path.rglob("*")}
+        # A folder may be renamed while one looks: `os.walk` passes over it.
+        return {name.partition("-")[0] for _, folders, files in os.walk(self.path) for name in (*folders, *files)}
 
     def processes(self) -> list[int]:
         """Processes of the run, whatever became of their parents."""
         return [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit() and self._is_ours(path)]
 
     def janitors(self) -> list[int]:
-        return [pid for pid in self.processes() if b"vds janitor" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        found = []
+        for pid in self.processes():
+            with contextlib.suppress(OSError):  # it has ended since
+                if b"vds janitor" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    found.append(pid)
+        return found
 
     def assert_clean(self) -> None:
         wait_until(lambda: not self.processes(), "no process is left")
