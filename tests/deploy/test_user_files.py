@@ -154,7 +154,7 @@ def test_the_name_of_a_study_never_leads_out_of_its_folder(tmp_path: Path, name:
 
 
 def test_a_report_without_results_leaves_the_pages_that_are_there(tmp_path: Path) -> None:
-    """A fresh clone has no studies, only the committed tables: without one of them its pages would lose what they show."""
+    """A fresh clone has no studies but the committed tables: without one of them pages would lose what they show."""
     docs = tmp_path / "docs"
     shutil.copytree(ROOT / "docs", docs)
     (docs / "results" / "fig7.csv").unlink()
