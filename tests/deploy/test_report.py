@@ -240,6 +240,7 @@ def test_a_folder_that_cannot_be_looked_into_is_one_line(
         assert main([*map(str, arguments), "--out", str(tmp_path / "r.html")]) == 2
         told = capsys.readouterr()
         assert (told.out, told.err.count("\n")) == ("", 1)
+        assert "can't look into it: " in told.err
         return told.err
 
     assert "name too long" in ask("n" * 5000)
