@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any, Final
-
-from deploy.sweep.statistics import median_of
 
 __all__ = ["ASKED", "T100", "Verdict", "buildings_claims", "time_s"]
 
@@ -95,9 +94,10 @@ def _times(
     ours, theirs = ([time_s(row) for row in cells[name, building]] for name in (variant, other))
     if not ours or not theirs:
         return Verdict(claim, "", None)
-    ratio = median_of(ours).value / median_of(theirs).value
+    our_s, their_s = median(ours), median(theirs)
+    ratio = our_s / their_s
     seeds = f"{len(ours)} and {len(theirs)} seeds"
-    found = f"{median_of(ours).value:.0f} s to {median_of(theirs).value:.0f} s, {ratio:.2f} ({seeds})"
+    found = f"{our_s:.0f} s to {their_s:.0f} s, {ratio:.2f} ({seeds})"
     return Verdict(claim, found, ratio <= most if min(len(ours), len(theirs)) >= SEEDS else None)
 
 

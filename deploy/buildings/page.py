@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any, Final
 
 from deploy.buildings.claims import T100, buildings_claims, time_s
@@ -129,7 +130,7 @@ def _line(building: str, policy: str, rows: Sequence[Mapping[str, Any]], referen
     times = " | ".join(_times(rows, f"known_free.t{share}_s") for share in (50, 90, 100))
     ages = ", ".join(_median(row[f"information_age.{which}_s"] for row in rows) for which in ("median", "p95"))
     connected = math.fsum(row["connected_fraction"] for row in rows) / len(rows)
-    walked_km = median_of([row["walked_m"] / 1000.0 for row in rows]).value
+    walked_km = median(row["walked_m"] / 1000.0 for row in rows)
     return (
         f"| `{building}` | {policy} | {_finished(rows)} | {times} | **{bound_s:.0f}**: {first['bound.walk_s']:.0f}, "
         f"{first['bound.sweep_s']:.0f} | {_whole(first['bound.chain'])} | {_gap(rows, reference, bound_s)} "
@@ -156,9 +157,7 @@ def _ends(found: Interval) -> str:
 
 def _gap(rows: Sequence[Mapping[str, Any]], reference: Sequence[Mapping[str, Any]], bound_s: float) -> str:
     """Of two medians; only where at least half of the missions of both finished, since else one is not known."""
-    pairs = [
-        (median_of([time_s(row) for row in some]).value, some[0]["duration_s"]) for some in (rows, reference) if some
-    ]
+    pairs = [(median(time_s(row) for row in some), some[0]["duration_s"]) for some in (rows, reference) if some]
     if len(pairs) < 2 or any(time_s_ >= limit_s for time_s_, limit_s in pairs):
         return "-"
     return f"{(pairs[0][0] - bound_s) / (pairs[1][0] - bound_s):.2f}"
@@ -166,7 +165,7 @@ def _gap(rows: Sequence[Mapping[str, Any]], reference: Sequence[Mapping[str, Any
 
 def _median(values: Iterable[float | None]) -> str:
     """A run whose value is not known, since too many reports never came, counts as later than all others."""
-    found = median_of([math.inf if value is None else value for value in values]).value
+    found = median(math.inf if value is None else value for value in values)
     return f"{found:.1f}" if math.isfinite(found) else "never"
 
 
